@@ -67,7 +67,7 @@ def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
         covariance = posterior_covariance(model.mixture, modes, model.region, candidates, fixes.covariance, status)
         fixes = replace(fixes, covariance=covariance)
     lines = model.lines
-    estimates = ranked_estimates(fixes, status, (lines.center_x, lines.center_y), options.covariance)
+    estimates = ranked_estimates(fixes, status, lines.center, options.covariance, model.held_m)
     if not batch.want_flags:
         return Solution(estimates=estimates)
     probability = direct_probability(model.mixture, modes, model.region, candidates, judged.probability, status)
@@ -104,17 +104,19 @@ def _with_proper_density(options: MixtureOptions) -> MixtureOptions:
 
 
 def _direct_rows(batch: BearingBatch, options: MixtureOptions) -> tuple[FloatArray, FloatArray]:
-    """Return the likeliest position (B, 2) and the probability (B, K) of each row to be direct there, else NaN."""
+    """Return the likeliest position (B, D) and the probability (B, K) of each row to be direct there, else NaN."""
     options = _with_proper_density(options)
-    position, probability = np.full((batch.size, 2), np.nan), np.full(batch.bearing_rad.shape, np.nan, order="F")
+    position, probability = (
+        np.full((batch.size, batch.dimension), np.nan),
+        np.full(batch.bearing_rad.shape, np.nan, order="F"),
+    )
     for rows, part in split_batch(batch, has_several_paths(batch)):
         grouped, groups = grouped_batch(part)
         model = outlier_model(grouped, groups, options)
         modes = _modes(model, _candidates(grouped, model, options), options, None)
         fixes, direct = rank_modes(model.mixture, modes)
-        center = model.lines.center_x, model.lines.center_y
-        for axis, middle in enumerate(center):
-            position[rows, axis] = fixes.best_point[axis] + middle
+        for axis, values in enumerate(model.lines.absolute(*fixes.best_point)):
+            position[rows, axis] = values
         probability[rows] = restore_rows(direct, groups)
     return position, probability
 
@@ -147,12 +149,13 @@ METHOD = MethodSpec(
     solve=solve,
     cost="negative log-likelihood of the mixture, in nats",
     minimum_measurements=1,
-    flags=("los", "los_probability", "residual_rad", "residual_m"),
-    flags_needing={"residual_m": "range_m"},
+    flags=("los", "los_probability", "residual_rad", "residual_elevation_rad", "residual_m"),
+    flags_needing={"residual_m": "range_m", "residual_elevation_rad": "elevation_rad"},
     searches=True,
     covariance_kinds=("inliers", "posterior"),
     randomized=True,
     reads=frozenset({"range_m", "range_std_m", "path"}),
     direct_rows=_direct_rows,
+    dimensions=(2, 3),
     learning=Learning(options=("alpha",), statistics=_count_outliers, update=_next_options),
 )

@@ -19,12 +19,16 @@ def search_region(field: Field, sensors: Point, center: Point) -> Region:
 
     ``sensors``, D arrays (B, K), are the sensors' positions in the same frame as ``center`` (metres). A `SensorsField`
     of sensors at a single point is that point alone; `reach_region` enlarges it by measured ranges. In space a circle,
-    a polygon or a box is a prism whose heights are those of the sensors, extended up and down by the
+    a polygon or a box without heights is a prism whose heights are those of the sensors, extended up and down by the
     larger side of its bounds.
     """
     if isinstance(field, BoxField | CircleField | PolygonField):
         base = _plane_region(field, center)
-        return base if len(center) == 2 else _prism(base, sensors[2] - center[2][:, None])
+        if len(center) == 2:
+            return base
+        if isinstance(field, BoxField) and field.zmin_m is not None and field.zmax_m is not None:
+            return PrismRegion(base, field.zmin_m - center[2], field.zmax_m - center[2])
+        return _prism(base, sensors[2] - center[2][:, None])
     about = [part - origin[:, None] for part, origin in zip(sensors, center, strict=True)]
     lower, upper = [-max_measurements(-part) for part in about], [max_measurements(part) for part in about]
     sides = [most - least for least, most in zip(lower, upper, strict=True)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nlosctl.contract.fields import BoxField, CircleField, PolygonField, SensorsField
-from nlosctl.geometry.regions import BoxRegion, CircleRegion, PolygonRegion, Region
+from nlosctl.geometry.regions import Ball, BoxRegion, CircleRegion, PolygonRegion, PrismRegion, Region, box_diagonal
 from nlosctl.models.search_regions import search_region
 
 _ELL = ((0.0, 0.0), (4.0, 0.0), (4.0, 1.0), (1.0, 1.0), (1.0, 3.0), (0.0, 3.0))
@@ -155,3 +155,25 @@ def test_fields_become_regions_about_the_local_origin() -> None:
     own = search_region(SensorsField(factor=0.5), (sensor_x, sensor_y), (center, center))
     lower, upper = ([edge.tolist() for edge in bound] for bound in own.bounds_m)
     assert (lower, upper) == ([[-5.0, -4.0], [-5.0, -4.0]], [[15.0, 8.0], [7.0, 12.0]])
+
+
+def test_regions_of_space_by_counting() -> None:
+    """Volumes and edge distances of a box, a prism and a ball of space agree with points spread over their bounds."""
+    edge = np.array([1.0]), np.array([2.0]), np.array([-3.0])
+    box = BoxRegion(tuple(part - 4.0 for part in edge), edge)
+    prism = PrismRegion(
+        CircleRegion(*(np.array([value]) for value in (1.0, 2.0, 3.0))), np.array([-1.0]), np.array([2.0])
+    )
+    generator = np.random.default_rng(4)
+    for region in (box, prism):
+        lower, upper = (np.array([float(part[0]) for part in bound]) for bound in region.bounds_m)
+        points = generator.uniform(lower - 1.0, upper + 1.0, (60_000, 3)).T
+        inside = region.contains(*(part[None] for part in points))[0]
+        assert inside.mean() * np.prod(upper - lower + 2.0) == pytest.approx(region.volume[0], rel=0.03)
+        distance = region.edge_distance_m(*(part[None] for part in points))[0]
+        assert np.array_equal(distance >= 0.0, inside)
+        step = generator.normal(size=points.shape)
+        near = points + 0.99 * np.abs(distance) * step / np.linalg.norm(step, axis=0)
+        assert np.array_equal(region.contains(*(part[None] for part in near))[0], inside)
+    ball = Ball.about(box, np.array([0]))
+    assert ball.volume[0] == pytest.approx(4.0 / 3.0 * np.pi * (0.5 * box_diagonal(*box.bounds_m)[0]) ** 3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,8 @@ from nlosctl.contract.statuses import Status
 from nlosctl.methods import bearings_mixture_ml, bearings_suppress, ranges_mixture_ml
 from nlosctl.methods.bearings_mixture_ml import MixtureOptions
 from nlosctl.methods.ranges_mixture_ml import RangeMixtureOptions
+from nlosctl.solvers.mixture.posterior import _RULES
+from nlosctl.solvers.mixture.proposal import unit_vectors
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -281,3 +284,27 @@ def test_probabilities_of_rows_are_calibrated(world: World) -> None:
         assert rows.sum() > 200
         probability = solution.flags.columns["los_probability"][rows].ravel()
         assert calibration_error(probability, direct[rows].ravel()) <= 0.03
+
+
+def test_the_rule_of_space_has_degree_five() -> None:
+    """Means of all monomials up to degree 5 over a normal distribution of three dimensions are exact."""
+    rule = _RULES[3]
+    weight = rule.weight * np.exp(-0.5 * sum(part**2 for part in rule.point))
+    moments = {0: 1.0, 1: 0.0, 2: 1.0, 3: 0.0, 4: 3.0, 5: 0.0}
+    for powers in product(range(6), repeat=3):
+        if sum(powers) <= 5:
+            found = (weight * np.prod([part**n for part, n in zip(rule.point, powers, strict=True)], axis=0)).sum()
+            assert found == pytest.approx(np.prod([moments[n] for n in powers]), abs=1e-12)
+
+
+def test_unit_vectors_are_spread_over_the_sphere() -> None:
+    """Their mean is 0 and their second moment 1/3; a first number of 0 is the pole."""
+    generator = np.random.default_rng(1)
+    uniform = list(generator.uniform(size=(2, 20_000)))
+    pole = tuple(np.full(20_000, value) for value in (1.0, -2.0, 0.5))
+    vectors = np.array(unit_vectors(uniform, pole))
+    np.testing.assert_allclose(np.linalg.norm(vectors, axis=0), 1.0)
+    np.testing.assert_allclose(vectors.mean(axis=1), 0.0, atol=0.02)
+    np.testing.assert_allclose(vectors @ vectors.T / 20_000, np.eye(3) / 3.0, atol=0.02)
+    first = np.array(unit_vectors([np.zeros(1), np.zeros(1)], tuple(part[:1] for part in pole)))[:, 0]
+    np.testing.assert_allclose(first, np.array([1.0, -2.0, 0.5]) / np.sqrt(5.25), atol=1e-12)

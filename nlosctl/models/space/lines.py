@@ -148,7 +148,7 @@ class SpaceLines(RowBlock):
                 inverse = 1.0 / self.std[:, index]
                 yield residual * inverse, tuple(slope * inverse for slope in slopes[: self.unknowns])
         for k in range(0 if self.measured_m is None else self.rows):
-            residual, slopes, _ = self._range(whole, k)
+            residual, slopes, _ = self.range_terms(whole, k)
             yield residual, slopes[: self.unknowns]
         if self.height_m is not None and not self.is_held:
             inverse = 1.0 / self.std[:, -1]
@@ -172,11 +172,11 @@ class SpaceLines(RowBlock):
             bend = self.angles.bending(k, self._seen(whole, k), *scaled)
             total += bend if self.axes is None else self.axes.unfolded_matrix(bend, k)
             if self.measured_m is not None:
-                residual, _, bend = self._range(whole, k)
+                residual, _, bend = self.range_terms(whole, k)
                 total.add_scaled(bend, residual)
         return SymmetricMatrix(*total.parts[: (3 if self.is_held else 6)])
 
-    def _range(self, whole: Vector, k: int) -> tuple[FloatArray, Vector, SymmetricMatrix]:
+    def range_terms(self, whole: Vector, k: int) -> tuple[FloatArray, Vector, SymmetricMatrix]:
         """Return residual over std, derivatives and second derivatives of the range of a row; 0 without one."""
         assert self.measured_m is not None  # noqa: S101 - asked for where there are ranges
         x, y, z = (part - origin[:, k] for part, origin in zip(whole, self.origin, strict=True))

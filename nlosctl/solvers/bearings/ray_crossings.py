@@ -10,7 +10,7 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, SeedArray, ig
 from nlosctl.contract.random_streams import random_keys
 from nlosctl.models.bearings import SightLines
 
-__all__ = ["Candidates", "choose_pairs", "cross_rays", "end_rays"]
+__all__ = ["Candidates", "choose_pairs", "cross_rays", "end_rays", "gather"]
 
 
 _LEAST_SINE = 1e-6
@@ -55,8 +55,8 @@ def cross_rays(lines: SightLines, first: IntArray, second: IntArray) -> Candidat
 
     ``first`` and ``second`` are (P,), the same pairs for all snapshots, or (B, P).
     """
-    x1, y1, c1, s1 = (_gather(part, first) for part in (lines.origin_x, lines.origin_y, lines.cosine, lines.sine))
-    x2, y2, c2, s2 = (_gather(part, second) for part in (lines.origin_x, lines.origin_y, lines.cosine, lines.sine))
+    x1, y1, c1, s1 = (gather(part, first) for part in (lines.origin_x, lines.origin_y, lines.cosine, lines.sine))
+    x2, y2, c2, s2 = (gather(part, second) for part in (lines.origin_x, lines.origin_y, lines.cosine, lines.sine))
     sine = c1 * s2 - s1 * c2
     x2 -= x1
     y2 -= y1
@@ -73,7 +73,7 @@ def end_rays(lines: SightLines, range_m: FloatArray) -> Candidates:
     return Candidates(point, np.isfinite(range_m))
 
 
-def _gather(array: FloatArray, index: IntArray) -> FloatArray:
+def gather(array: FloatArray, index: IntArray) -> FloatArray:
     """Return the values (B, P) at some rows of (B, K)."""
     if index.ndim == 1:
         return np.take(array.T, index, axis=0).T

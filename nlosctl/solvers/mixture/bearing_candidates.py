@@ -10,7 +10,9 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import Scene
 from nlosctl.models.obstacles import hidden_by_walls
+from nlosctl.models.space.lines import SpaceLines
 from nlosctl.solvers.bearings.ray_crossings import Candidates, choose_pairs, cross_rays, end_rays
+from nlosctl.solvers.bearings.space_crossings import cross_in_space, ends_at_height, ends_of_ranges
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 
 __all__ = ["BearingCandidates"]
@@ -44,22 +46,23 @@ class BearingCandidates:
             second,
             model.measured_m,
             batch.scene if exclude_behind_walls else None,
-            batch.sensor_xy_m[..., 0] - model.lines.center_x[:, None],
-            batch.sensor_xy_m[..., 1] - model.lines.center_y[:, None],
+            batch.sensor_xy_m[..., 0] - model.lines.center[0][:, None],
+            batch.sensor_xy_m[..., 1] - model.lines.center[1][:, None],
         )
 
     @property
     def count(self) -> int:
         """The number of candidates of each snapshot."""
-        ends = 0 if self.range_m is None else self.range_m.shape[1]
-        return int(self.first.shape[-1]) + ends
+        lists = (self.range_m is not None) + (self.model.height_m is not None)
+        return int(self.first.shape[-1]) + lists * self.model.mixture.count
 
     def points(self, rows: IntArray) -> Candidates:
         """Return the candidates of some snapshots."""
         lines = self.model.lines.take(rows)
         share, leader = self.model.share[rows], self.model.leader[rows]
         first, second = (index if index.ndim == 1 else index[rows] for index in (self.first, self.second))
-        crossings = cross_rays(lines, first, second)
+        in_space = isinstance(lines, SpaceLines)
+        crossings = cross_in_space(lines, first, second) if in_space else cross_rays(lines, first, second)
         if first.ndim == 1:
             may = (share[:, first] > 0.0) & (share[:, second] > 0.0) & (leader[:, first] != leader[:, second])
         else:
@@ -68,7 +71,10 @@ class BearingCandidates:
             may &= leader[snapshot, first] != leader[snapshot, second]
         parts = [Candidates(crossings.point, crossings.valid & may)]
         if self.range_m is not None:
-            ends = end_rays(lines, self.range_m[rows])
+            ends = (ends_of_ranges if in_space else end_rays)(lines, self.range_m[rows])
+            parts.append(Candidates(ends.point, ends.valid & (share > 0.0)))
+        if self.model.height_m is not None:
+            ends = ends_at_height(lines)
             parts.append(Candidates(ends.point, ends.valid & (share > 0.0)))
         return Candidates.join(parts)
 
@@ -83,6 +89,6 @@ class BearingCandidates:
     def _unhidden(self, rows: IntArray, point: Point, among: BoolArray) -> BoolArray:
         if self.scene is not None:
             x, y = point[:2]  # walls are upright
-            center_x, center_y = self.model.lines.center_x[rows], self.model.lines.center_y[rows]
+            center_x, center_y = (part[rows] for part in self.model.lines.center[:2])
             among &= ~hidden_by_walls(self.scene, self.sensor_x[rows], self.sensor_y[rows], x, y, center_x, center_y)
         return among

@@ -237,7 +237,7 @@ def find_rival(
     for column, values in zip(columns, (cost, *point), strict=True):
         column[rows, 0] = values
     misfit = Misfit(fixes.misfit.chi_square.copy(), fixes.misfit.degrees_of_freedom.copy())
-    misfit.put((rows, np.zeros_like(rows)), model.mixture.take(rows).rows, point, own > 0.5)
+    misfit.put((rows, np.zeros_like(rows)), model.mixture.take(rows), point, own > 0.5)
     probability = probability.copy(order="F")
     probability[rows] = own
     fixes = replace(fixes, cost=columns[0], n_used=n_used, point=tuple(columns[1:]), misfit=misfit)

@@ -9,6 +9,7 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, StatusArray
 from nlosctl.contract.statuses import Status
+from nlosctl.solvers.bearings.space_row_terms import DirectDirections
 from nlosctl.solvers.mixture.consensus import find_rival, log_evidence, loose_odds, outlier_gain, rival_mass
 from nlosctl.solvers.mixture.initial_estimates import Mode
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
@@ -107,10 +108,12 @@ def _beside_likelihood(
 ) -> dict[Status, BoolArray]:
     """Return the snapshots (B,) of each status that the scene, the evidence or the mass of other modes imposes."""
     fixes, used, mode = found.fixes, found.used, found.mode
-    point, volume = fixes.best_point, model.region.volume
+    point, volume = fixes.best_point, model.volume
     covariance = fixes.covariance.at(slice(None), 0)
     further = verdicts(model.lines, point, covariance, used)
     further[Status.DEGENERATE] |= ~found.settled & near_sensor(model.lines, point, model.minimum_range_m)
+    if isinstance(model.direct, DirectDirections):
+        further[Status.DEGENERATE] |= (model.direct.at_zenith(*point) & used).any(axis=1)
     if used.shape[1] > 1:  # a row alone agrees with nothing, nor does it disagree
         evidence = log_evidence(model.mixture, mode.cost, found.probability, mode.hessian, volume, gain)
         further[Status.NO_CONSENSUS] = evidence < options.least_evidence

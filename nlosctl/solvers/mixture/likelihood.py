@@ -14,6 +14,7 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.contract.step_progress import note_step
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.ranges.measured_height import MeasuredHeight
 from nlosctl.solvers.mixture.mixture_rows import MixtureRows, OutlierRows
 from nlosctl.solvers.optimization.problem import Evaluation, RowDerivatives
 
@@ -31,6 +32,7 @@ class Mixture(RowBlock):
     ``log_direct`` (B, K) is the logarithm of w_l p_l / u_l at zero chi-square, minus infinity for a row that can't be
     direct; ``obstructed`` (B,) is w_0; ``last`` (B, K) marks the last row of each group, None if every row is alone;
     ``log_nlos`` (B,) is the sum of log u; ``least_cost`` (B,) is the cost if every row had zero chi-square.
+    ``height`` is a measured height of the source, always right.
     ``outliers`` is None where u is the same everywhere; else ``rows`` give the negative logarithm of p / u as their
     chi-square.
     """
@@ -42,6 +44,7 @@ class Mixture(RowBlock):
     log_nlos: FloatArray
     least_cost: FloatArray
     outliers: OutlierRows | None = None
+    height: MeasuredHeight | None = None
 
     @classmethod
     def of(
@@ -52,6 +55,7 @@ class Mixture(RowBlock):
         last: BoolArray | None,
         log_nlos: FloatArray,
         outliers: OutlierRows | None = None,
+        height: MeasuredHeight | None = None,
     ) -> Mixture:
         """Return the mixtures with their least cost computed."""
         total = log_nlos.copy()
@@ -61,7 +65,7 @@ class Mixture(RowBlock):
             closes = True if last is None else last[:, k]
             total += np.where(closes, np.log(evidence), 0.0)
             group = np.where(closes, obstructed, evidence)
-        return cls(rows, log_direct, obstructed, last, log_nlos, -total, outliers)
+        return cls(rows, log_direct, obstructed, last, log_nlos, -total, outliers, height)
 
     @property
     def dimension(self) -> int:
@@ -113,6 +117,9 @@ class Mixture(RowBlock):
         logarithm -= self.log_nlos[:, None]
         if ratios is not None:
             logarithm += ratios[1]
+        if self.height is not None:
+            scaled = self.height.scaled_residual(point[2])
+            logarithm += 0.5 * scaled * scaled
         return logarithm
 
     def evaluate(self, *point: FloatArray) -> Evaluation:
@@ -133,7 +140,9 @@ class Mixture(RowBlock):
                     total.add_group(group, self.last[:, k])
                     group.clear(self.last[:, k], self.obstructed)
                 if row.outlier is not None:
-                    total.add_outlier(row.outlier)
+                    total.add_factor(row.outlier)
+            if self.height is not None:
+                total.add_factor(self.height_terms(*point))
         cost = -total.logarithm - self.log_nlos - self.least_cost
         return Evaluation.of_newton(cost, total.gradient, total.exact, total.gauss)
 
@@ -157,7 +166,17 @@ class Mixture(RowBlock):
                 information.add_scaled(row.gauss, direct[:, k])
                 if row.outlier is not None:
                     information += row.outlier.gauss
+            if self.height is not None:
+                information += self.height_terms(*point).gauss
         return direct, information
+
+    def height_terms(self, *point: FloatArray) -> RowDerivatives:
+        """Return half the chi-square of the measured height at points (B,) in space, and its derivatives."""
+        assert self.height is not None  # noqa: S101 - asked for where a height is measured
+        scaled, precision = self.height.scaled_residual(point[2]), self.height.inverse_std
+        zero = np.zeros(scaled.shape)
+        gauss = SymmetricMatrix.outer(zero, zero, precision)
+        return RowDerivatives(0.5 * scaled * scaled, (zero, zero, scaled * precision), gauss, gauss)
 
     def _evidence(self, direct: FloatArray) -> FloatArray:
         """Return for each row (B, K) the sum over its group, w_0 included."""
@@ -200,8 +219,8 @@ class _Totals:
         _add_curvature(self.exact, share, moved, row)
         self.gauss.add_scaled(row.gauss, share)
 
-    def add_outlier(self, outlier: RowDerivatives) -> None:
-        """Add the density of a row as an outlier, a factor of every term of its group."""
+    def add_factor(self, outlier: RowDerivatives) -> None:
+        """Add a factor of every term of a group: the density of a row as an outlier, that of a measured height."""
         self.logarithm -= outlier.half_chi_square
         for total, part in zip(self.gradient, outlier.gradient, strict=True):
             total += part

@@ -4,29 +4,39 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import reduce
 from math import log, pi, radians, sqrt
 from typing import Any
 
 import numpy as np
 from scipy.special import erf
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_division
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.fields import SensorsField
+from nlosctl.errors import UsageError
 from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
-from nlosctl.geometry.regions import Region, box_diagonal
-from nlosctl.models.bearings import SightLines, sight_lines
+from nlosctl.geometry.regions import BoxRegion, Region, box_diagonal
+from nlosctl.models.ranges.measured_height import MeasuredHeight
 from nlosctl.models.search_regions import reach_region, search_region
+from nlosctl.models.sight import bearing_lines
+from nlosctl.models.space.lines import SpaceLines
 from nlosctl.solvers.bearings.fix_status import nearly_singular
 from nlosctl.solvers.bearings.joint_range_bearing import range_columns
 from nlosctl.solvers.bearings.line_fits import fit_least_squares
 from nlosctl.solvers.bearings.row_terms import DirectBearings
+from nlosctl.solvers.bearings.space_row_terms import DirectDirections
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions
 from nlosctl.solvers.mixture.path_groups import PathGroups, group_paths, path_shares, sort_rows
 
 __all__ = ["OutlierModel", "grouped_batch", "has_several_paths", "outlier_model"]
 
+
+_SPACE = 3
+
+_HEIGHT_STANDARD_DEVIATIONS = 5.0
+"""The search region reaches so many standard deviations beyond a measured height."""
 
 _RANGE_STANDARD_DEVIATIONS = 4.0
 """The default search region reaches beyond the longest range by this many of its standard deviations."""
@@ -39,40 +49,54 @@ _MINIMUM_RANGE_SHARE = 0.005
 class OutlierModel(RowBlock):
     """A block of bearings with all that equation (23) needs; shapes (B,) and (B, K).
 
-    ``share`` is each row's probability to be the direct one of its group, given that one is; ``extent_m`` the
-    diagonal of the search region, over which an outlier's range is uniform; ``measured_m`` and ``range_std_m`` are NaN
-    in rows without a range, None where no row has one.
+    ``lines`` are `SightLines` in the plane, `SpaceLines` in space, ``direct`` the rows of either; ``volume`` is that
+    (in the plane the area) in which a source may be; ``height_m`` a measured height about the local origin, or None.
+    ``share`` is each row's probability to be the direct one of its group, given that one is; ``extent_m`` the diagonal
+    of the search region, over which an outlier's range is uniform; ``measured_m`` and ``range_std_m`` are NaN in rows
+    without a range, None where no row has one.
     """
 
-    lines: SightLines
-    direct: DirectBearings
+    lines: Any
+    direct: Any
     mixture: Mixture
     leader: IntArray
     share: FloatArray
     region: Region
+    volume: FloatArray
     minimum_range_m: FloatArray
     extent_m: FloatArray
     sensor_extent_m: FloatArray
     measured_m: FloatArray | None
     range_std_m: FloatArray | None
+    height_m: FloatArray | None = None
 
     def take_rows(self, rows: IntArray) -> OutlierModel:
         """Return the model of some snapshots, in rising order, each named once: all of them are this itself."""
         return self if rows.shape[0] == self.extent_m.shape[0] else self.take(rows)
 
+    @property
+    def held_m(self) -> FloatArray | None:
+        """The heights (B,) in the frame that are exactly known, None where they are unknowns."""
+        if self.height_m is None or not self.lines.is_held:
+            return None
+        return np.asarray(self.height_m + self.lines.center[2])
+
     def too_few(self) -> BoolArray:
         """Return which snapshots (B,) measure fewer scalars than a position has."""
         scalars = self.direct.scalars().sum(axis=1)
+        if self.mixture.height is not None:
+            scalars = scalars + self.mixture.height.known
         few: BoolArray = scalars < self.direct.dimension
         return few
 
     def uninformative(self) -> BoolArray:
         """Return which snapshots (B,) can't determine a position for any values of their rows.
 
-        Those have parallel lines, or all sensors at a single point, and no range.
+        Those have parallel lines, or all sensors at a single point and no measured height, and no range.
         """
         uninformative = nearly_singular(fit_least_squares(self.lines).normal)
-        uninformative |= _larger_side(self.lines.origin_x, self.lines.origin_y) <= 0.0
+        if self.height_m is None:
+            uninformative |= _larger_side(*_origins(self.lines)) <= 0.0
         if self.measured_m is not None:
             uninformative &= np.isnan(self.measured_m).all(axis=1)
         return uninformative
@@ -87,7 +111,8 @@ def has_several_paths(batch: BearingBatch) -> BoolArray:
 def grouped_batch(batch: BearingBatch) -> tuple[BearingBatch, PathGroups]:
     """Return the batch with the paths of each sensor next to each other, and its groups in the file's order."""
     groups = _groups(batch)
-    names = ("sensor", "sensor_xy_m", "bearing_rad", "bearing_std_rad", "path", "reflector", "range_m", "range_std_m")
+    names: tuple[str, ...] = ("sensor", "sensor_xy_m", "sensor_z_m", "bearing_rad", "bearing_std_rad", "elevation_rad")
+    names += ("elevation_std_rad", "direction_std_rad", "sensor_frame", "path", "reflector", "range_m", "range_std_m")
     arrays: dict[str, Any] = {name: getattr(batch, name) for name in names}
     sorted_arrays: dict[str, Any] = {
         name: sort_rows(array, groups) for name, array in arrays.items() if array is not None
@@ -100,48 +125,108 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
 
     The default search region, that of the sensors, is enlarged by the longest range.
     The direct density is (1), Gaussian and truncated to a right angle on either side. A row with a range has the
-    product of both densities, as an outlier too: its range is then uniform over the search region's diagonal.
+    product of both densities, as an outlier too: its range is then uniform over the search region's diagonal. The
+    elevation of a row in space is Gaussian, that of an outlier uniform: one over the field of view and pi.
     """
-    lines = sight_lines(batch)
-    sensor_x, sensor_y = batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1]
+    lines: Any = bearing_lines(batch)
+    if batch.dimension == _SPACE and type(lines) is not SpaceLines:
+        raise UsageError("robust methods take no rows by spheres and no azimuths alone on the earth; use the method ml")
     ranges = range_columns(batch, options.use_ranges)
-    region = search_region(batch.field, (sensor_x, sensor_y), (lines.center_x, lines.center_y))
-    if ranges is not None and isinstance(batch.field, SensorsField):
-        reach = np.where(np.isnan(ranges[0]), -np.inf, ranges[0] + _RANGE_STANDARD_DEVIATIONS * ranges[1])
-        x, y = sensor_x - lines.center_x[:, None], sensor_y - lines.center_y[:, None]
-        region = reach_region(region, (x, y), max_measurements(reach))
+    region = _region(batch, lines, ranges)
     extent = box_diagonal(*region.bounds_m)
-    sensor_extent = _larger_side(sensor_x, sensor_y)
+    sensor_extent = _larger_side(*_sensors(batch))
     least = options.min_range_m
     minimum = _MINIMUM_RANGE_SHARE * sensor_extent if least is None else np.full(extent.shape, least)
     minimum = np.maximum(minimum, 1e-9 * extent + np.finfo(np.float64).tiny)
     share = sort_rows(path_shares(groups, options.path_prior), groups)
     fov = radians(options.field_of_view_deg)
+    std_rad = lines.std[:, : batch.measurements]
     with ignoring_division():
         log_direct = np.log(share * (1.0 - options.alpha)) - np.log(
-            lines.std_rad * (sqrt(2.0 * pi) / fov) * erf(pi / (2.0 * sqrt(2.0) * lines.std_rad))
+            std_rad * (sqrt(2.0 * pi) / fov) * erf(pi / (2.0 * sqrt(2.0) * std_rad))
         )
     log_nlos = np.full(extent.shape, -batch.measurements * log(fov))
+    if batch.dimension == _SPACE:
+        elevated = lines.angles.has_elevation
+        log_direct += elevated * (
+            log(sqrt(pi / 2.0)) - np.log(lines.std[:, batch.measurements : 2 * batch.measurements])
+        )
+        log_nlos -= log(pi) * sum_measurements(elevated)
     if ranges is not None:
         known = np.isfinite(ranges[0])
         with ignoring_division():
             log_direct += np.where(known, np.log(extent[:, None] / (ranges[1] * sqrt(2.0 * pi))), 0.0)
             log_nlos -= np.log(extent) * sum_measurements(known.astype(np.float64))
-    rows = DirectBearings.of(lines, minimum, *(ranges or (None, None)), lognormal=options.range_noise == "lognormal")
-    mixture = Mixture.of(rows, log_direct, np.full(extent.shape, options.alpha), groups.last, log_nlos)
+    lognormal, height_m, height = options.range_noise == "lognormal", None, None
+    rows: DirectBearings | DirectDirections
+    if batch.dimension == _SPACE:
+        height_m, height = lines.height_m, _measured_height(batch, lines)
+        lines = lines if ranges is None else lines.with_ranges(*ranges, lognormal=lognormal)
+        rows = DirectDirections(lines, minimum * minimum)
+    else:
+        rows = DirectBearings.of(lines, minimum, *(ranges or (None, None)), lognormal=lognormal)
+    obstructed = np.full(extent.shape, options.alpha)
+    mixture = Mixture.of(rows, log_direct, obstructed, groups.last, log_nlos, height=height)
     leader = sort_rows(groups.leader, groups)
+    volume = _volume(batch, region)
     return OutlierModel(
-        lines, rows, mixture, leader, share, region, minimum, extent, sensor_extent, *(ranges or (None, None))
-    )
+        lines, rows, mixture, leader, share, region, volume, minimum, extent, sensor_extent,
+        ranges and ranges[0], ranges and ranges[1], height_m,
+    )  # fmt: skip
+
+
+def _sensors(batch: BearingBatch) -> Point:
+    """Return the sensors' positions (B, K), those of the unknown coordinates."""
+    sensors: Point = (batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1])
+    return sensors if batch.sensor_z_m is None or batch.height_held else (*sensors, batch.sensor_z_m)
+
+
+def _origins(lines: Any) -> Point:
+    """Return the origins (B, K) of rays."""
+    return lines.origin if isinstance(lines, SpaceLines) else (lines.origin_x, lines.origin_y)
+
+
+def _region(batch: BearingBatch, lines: Any, ranges: tuple[FloatArray, FloatArray] | None) -> Region:
+    """Return the search regions; in space about as high as a measured height may be."""
+    sensors = _sensors(batch)
+    center = lines.center[: len(sensors)]
+    region = search_region(batch.field, sensors, center)
+    if ranges is not None and isinstance(batch.field, SensorsField):
+        reach = np.where(np.isnan(ranges[0]), -np.inf, ranges[0] + _RANGE_STANDARD_DEVIATIONS * ranges[1])
+        about = tuple(part - middle[:, None] for part, middle in zip(sensors, center, strict=True))
+        region = reach_region(region, about, max_measurements(reach))
+    if len(sensors) < _SPACE or batch.target_z_m is None or batch.target_z_std_m is None:
+        return region
+    z, reach = batch.target_z_m - center[2], _HEIGHT_STANDARD_DEVIATIONS * batch.target_z_std_m
+    lower, upper = region.bounds_m
+    known = np.isfinite(z) & np.isfinite(reach)
+    zmin, zmax = np.where(known, z - reach, lower[2]), np.where(known, z + reach, upper[2])
+    return BoxRegion((*lower[:2], zmin), (*upper[:2], zmax))
+
+
+def _volume(batch: BearingBatch, region: Region) -> FloatArray:
+    """Return the volumes (B,) in which sources may be: a measured height counts as its Gaussian."""
+    if batch.target_z_std_m is None or batch.height_held:
+        return region.volume
+    share = sqrt(2.0 * pi) / (2.0 * _HEIGHT_STANDARD_DEVIATIONS)
+    return region.volume * np.where(np.isfinite(batch.target_z_std_m), share, 1.0)
+
+
+def _measured_height(batch: BearingBatch, lines: SpaceLines) -> MeasuredHeight | None:
+    """Return the measured heights that are not exactly known, None without any."""
+    if batch.target_z_m is None or batch.target_z_std_m is None or batch.height_held:
+        return None
+    return MeasuredHeight.of(batch.target_z_m, batch.target_z_std_m, lines.center[2])
 
 
 def _groups(batch: BearingBatch) -> PathGroups:
     """Return the groups of paths; rows without a path number are measurements of other times, each by itself."""
     alone = np.where(batch.path < 0, np.arange(batch.measurements), -1)
     keys = [batch.sensor, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.reflector, alone]
+    keys += [] if batch.sensor_z_m is None else [batch.sensor_z_m]
     return group_paths(keys, batch.path)
 
 
-def _larger_side(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return the larger side (B,) of the box of points (B, K)."""
-    return np.maximum(max_measurements(x) + max_measurements(-x), max_measurements(y) + max_measurements(-y))
+def _larger_side(*points: FloatArray) -> FloatArray:
+    """Return the largest side (B,) of the box of points, D arrays (B, K)."""
+    return reduce(np.maximum, [max_measurements(part) + max_measurements(-part) for part in points])

@@ -107,10 +107,10 @@ def path_shares(groups: PathGroups, prior: str) -> FloatArray:
 
 
 def sort_rows(values: npt.NDArray[ScalarT], groups: PathGroups) -> npt.NDArray[ScalarT]:
-    """Return values (B, K) or (B, K, 2) with the rows of each group next to each other."""
+    """Return values (B, K, ...) with the rows of each group next to each other."""
     if groups.order is None:
         return values
-    indices = groups.order if values.ndim == 2 else groups.order[..., None]
+    indices = groups.order.reshape(*groups.order.shape, *([1] * (values.ndim - 2)))
     return np.asfortranarray(np.take_along_axis(values, indices, axis=1))
 
 

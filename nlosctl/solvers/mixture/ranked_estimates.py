@@ -15,7 +15,6 @@ from nlosctl.contract.results import Estimates, Flags, has_covariance, has_posit
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.likelihood import Mixture
-from nlosctl.solvers.mixture.mixture_rows import MixtureRows
 from nlosctl.solvers.mixture.modes import Modes
 from nlosctl.solvers.mixture.path_groups import PathGroups, restore_rows
 from nlosctl.solvers.optimization.problem import least_chi_square
@@ -58,9 +57,12 @@ class Misfit:
         """Return as many that are not yet known."""
         return cls(np.full(shape, np.nan), np.zeros(shape, dtype=np.int64))
 
-    def put(self, index: Any, rows: MixtureRows, point: Point, used: BoolArray) -> None:
+    def put(self, index: Any, mixture: Mixture, point: Point, used: BoolArray) -> None:
         """Fill in the fixes at points (N,) with an ``index``, which use the rows marked by ``used`` (N, K)."""
-        chi_square, scalars = least_chi_square(rows, point, used)
+        height = None if mixture.height is None else mixture.height_terms(*point)
+        chi_square, scalars = least_chi_square(mixture.rows, point, used, height)
+        if mixture.height is not None:
+            scalars = scalars + mixture.height.known
         self.chi_square[index], self.degrees_of_freedom[index] = chi_square, scalars - len(point)
 
 
@@ -70,7 +72,7 @@ def rank_modes(mixture: Mixture, modes: Modes) -> tuple[RankedFixes, FloatArray]
     taken, point = mixture.take(snapshot), tuple(part[snapshot, index] for part in modes.point)
     probability, information = taken.responsibilities(*point)
     misfit = Misfit.unknown(modes.cost.shape)
-    misfit.put((snapshot, index), taken.rows, point, probability > 0.5)
+    misfit.put((snapshot, index), taken, point, probability > 0.5)
     covariance = SymmetricMatrix.full(modes.cost.shape, np.nan, mixture.dimension)
     covariance.put((snapshot, index), information.inverse())
     n_used = np.zeros(modes.cost.shape, dtype=np.int64)
@@ -129,10 +131,13 @@ def ranked_status(
     return status
 
 
-def ranked_estimates(fixes: RankedFixes, status: StatusArray, center: Point, covariance_kind: str) -> Estimates:
+def ranked_estimates(
+    fixes: RankedFixes, status: StatusArray, center: Point, covariance_kind: str, held_m: FloatArray | None = None
+) -> Estimates:
     """Return the estimates: every fix of a snapshot that has an answer, the most likely first; else its status.
 
-    The fixes are about the local origins ``center``, D arrays (B,). A position without a covariance is alone.
+    The fixes are about the local origins ``center``, D arrays (B,); ``held_m`` (B,) are heights that are
+    exactly known. A position without a covariance is alone.
     """
     written = np.isfinite(fixes.cost) & has_position(status)[:, None] & _sound(fixes.covariance)
     written &= has_covariance(status)[:, None]
@@ -140,10 +145,15 @@ def ranked_estimates(fixes: RankedFixes, status: StatusArray, center: Point, cov
     row, alternative = np.nonzero(written)
     at = row, alternative
     before = np.cumsum(written, axis=1) - 1
+    covariance = fixes.covariance.at(*at)
+    position = tuple(part[at] + middle[row] for part, middle in zip(fixes.point, center, strict=False))
+    if held_m is not None:
+        position = (*position, held_m[row])
+        covariance = SymmetricMatrix(*covariance, *(np.zeros(row.shape) for _ in range(3)))
     return Estimates.of(
         status[row],
-        tuple(part[at] + middle[row] for part, middle in zip(fixes.point, center, strict=True)),
-        fixes.covariance.at(*at),
+        position,
+        covariance,
         fixes.cost[at],
         fixes.n_used[at],
         row=row.astype(np.int64),

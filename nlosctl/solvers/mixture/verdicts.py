@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from nlosctl.contract.results import is_fix
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
+from nlosctl.models.sight import Sight
 from nlosctl.solvers.bearings.fix_status import mark_crossings_behind
 from nlosctl.solvers.mixture.modes import Modes
 from nlosctl.solvers.mixture.range_rows import RangeOutlierModel
@@ -21,42 +23,38 @@ _NEAR = 3.0
 """A point is near a sensor up to this many times the distance from which a row can be direct."""
 
 
-def verdicts(
-    lines: SightLines, point: Point, covariance: SymmetricMatrix, direct: BoolArray
-) -> dict[Status, BoolArray]:
+def verdicts(lines: Any, point: Point, covariance: SymmetricMatrix, direct: BoolArray) -> dict[Status, BoolArray]:
     """Return which fixes (B,) about the local origin are infeasible or degenerate; ``direct`` (B, K) marks rows.
 
     infeasible: the scene hides the point from a direct row, or every direct row's bearing is below its horizon;
     degenerate: a standard deviation beyond the distance to the farthest origin.
     """
-    x, y = point
     with ignoring_overflow():
         farthest_m = lines.range_m(*point).max(axis=1)
         uncertain = ~((covariance.trace > 0.0) & (covariance.trace <= farthest_m * farthest_m))
     hidden = np.zeros(uncertain.shape, dtype=bool)
-    if lines.mirrors is not None or lines.walls is not None or lines.direct:
-        hidden |= (lines.unseen(x, y) & direct).any(axis=1)
-    if lines.circles is not None:
-        under = np.zeros(direct.shape, dtype=bool)
-        lines.circles.place_in(under, lines.circles.under_horizon())
+    if lines.outside_scene(*point).any():
+        hidden |= (lines.unseen(*point) & direct).any(axis=1)
+    under = lines.under_horizon()
+    if under.any():
         hidden |= direct.any(axis=1) & ~(direct & ~under).any(axis=1)
     return {Status.INFEASIBLE: hidden, Status.DEGENERATE: uncertain}
 
 
-def near_sensor(lines: SightLines, point: Point, minimum_range_m: FloatArray) -> BoolArray:
+def near_sensor(lines: Any, point: Point, minimum_range_m: FloatArray) -> BoolArray:
     """Return which points (B,) are about as near to a sensor as a direct row allows.
 
     A likelihood that has no smooth optimum there still rises towards the sensor. The origins of circle rows, which are
     unfolded at one point of the circle, are no sensors.
     """
     range_m = lines.range_m(*point)
-    if lines.circles is not None:
+    if isinstance(lines, SightLines) and lines.circles is not None:
         lines.circles.place_in(range_m, np.full(lines.circles.snapshot.shape, np.inf))
     near: BoolArray = range_m.min(axis=1) <= _NEAR * minimum_range_m
     return near
 
 
-def mark_behind(status: StatusArray, lines: SightLines) -> None:
+def mark_behind(status: StatusArray, lines: Sight) -> None:
     """Write behind into the status (B,) of snapshots without a fix whose lines meet behind the sensors."""
     suspect = ~is_fix(status) & (status != Status.TOO_FEW)
     probe = np.where(suspect, Status.DEGENERATE, Status.OK).astype(np.uint8)

@@ -194,7 +194,7 @@ def _rank(candidates: BearingCandidates, model: OutlierModel, rows: IntArray, gr
         used = np.asfortranarray(grown.used[at, index])
         part = model.direct.take(at)
         fixes.covariance.put((at, t), inlier_covariance(part, used, *point))
-        fixes.misfit.put((at, t), part, point, used)
+        fixes.misfit.put((at, t), model.mixture.take(at), point, used)
         fixes.n_used[at, t] = np.count_nonzero(used, axis=1)
         if t == 0:
             result.used[at] = used
