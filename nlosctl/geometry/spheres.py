@@ -8,17 +8,26 @@ that plane.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_overflow
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.circles import leave_circle
 from nlosctl.geometry.circular_reflection import ReflectedPath, reflect_at
 from nlosctl.geometry.directions import Vector, combine, cross, dot, length, scaled, subtract
 
-__all__ = ["CentralPlane", "SphereHit", "SpherePath", "central_plane", "elevation_above_horizon", "leave_sphere"]
+__all__ = [
+    "CentralPlane",
+    "SphereHit",
+    "SpherePath",
+    "central_plane",
+    "cross_spheres",
+    "elevation_above_horizon",
+    "leave_sphere",
+]
 
 _ALIGNED = 1e-12
 """Angle in radians between sensor and source, seen from the centre, below which every plane through both will do."""
@@ -159,6 +168,32 @@ def leave_sphere(sensor: Vector, direction: Vector, radius: FloatArray) -> Spher
         strength=2.0 * exit_.distance_m / exit_.normal_m,
         across_strength=2.0 * exit_.distance_m * exit_.normal_m / (radius * radius),
     )
+
+
+def cross_spheres(centers: Sequence[Vector], radii: Sequence[FloatArray]) -> tuple[Vector, Vector]:
+    """Return both points that three spheres have in common, mirror images in the plane of their centres.
+
+    Each of the three centres is three arrays; all shapes broadcast. Spheres that have no point in common give, twice,
+    the point of the plane where the planes of their pairs' circles cross it. Not finite for centres on a line.
+    """
+    first, second, third = centers
+    with ignoring_overflow():
+        along = subtract(second, first)
+        distance = length(along)
+        toward = scaled(along, 1.0 / distance)
+        aside = subtract(third, first)
+        i = dot(aside, toward)
+        aside = subtract(aside, scaled(toward, i))
+        j = length(aside)
+        across = scaled(aside, 1.0 / j)
+        squares = [radius * radius for radius in radii]
+        x = 0.5 * ((squares[0] - squares[1]) / distance + distance)
+        y = (0.5 * (squares[0] - squares[2] + i * i + j * j) - i * x) / j
+        z = np.sqrt(np.maximum(squares[0] - x * x - y * y, 0.0))
+        normal = cross(toward, across)
+        place = [origin + x * one + y * two for origin, one, two in zip(first, toward, across, strict=True)]
+        points = [tuple(part + sign * z * up for part, up in zip(place, normal, strict=True)) for sign in (1.0, -1.0)]
+    return points[0], points[1]
 
 
 def elevation_above_horizon(sensor: Vector, direction: Vector) -> FloatArray:

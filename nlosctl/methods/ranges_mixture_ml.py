@@ -15,26 +15,19 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
+from nlosctl.models.ranges.circles import RangeCircles
 from nlosctl.solvers.mixture.modes import Modes, find_modes
 from nlosctl.solvers.mixture.outlier_counts import expected_counts, next_alpha, next_bias_mean_m
 from nlosctl.solvers.mixture.outlier_options import MixtureModeOptions, OutlierOptions
 from nlosctl.solvers.mixture.path_groups import PathGroups, restore_rows
 from nlosctl.solvers.mixture.posterior import direct_probability, posterior_covariance
-from nlosctl.solvers.mixture.range_rows import (
-    BiasLaw,
-    RangeCandidates,
-    RangeOutlierModel,
-    grouped_ranges,
-    range_outlier_model,
-)
+from nlosctl.solvers.mixture.range_candidates import RangeCandidates
+from nlosctl.solvers.mixture.range_rows import BiasLaw, RangeOutlierModel, grouped_ranges, range_outlier_model
 from nlosctl.solvers.mixture.ranked_estimates import rank_modes, ranked_estimates, ranked_flags, ranked_status
 from nlosctl.solvers.mixture.verdicts import prefer_feasible_modes
 
 __all__ = ["METHOD", "RangeMixtureOptions", "solve"]
 
-
-_CHANCE = 2
-"""So many rows always agree: whether there is a source can't be known."""
 
 _FURTHER_NATS = 1.0
 """Of a fix that leaves out a row the rivals' mass counts so much beyond ``ambiguous_within``: then half a per cent of
@@ -80,9 +73,10 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
     """Solve a batch by the maximum of (23) of Ananthasubramaniam and Madhow, with ranges in place of bearings.
 
     Every crossing of two circles in the search region is scored, the best few that are apart are followed to their
-    modes. The default search region, that of the sensors, is enlarged by the longest range. The cost is the negative
-    log-likelihood in nats. With ``bias=positive`` small biases make the likelihood of a row wide and skew: then the
-    covariance is always that of the posterior.
+    modes. In space those are the crossings of three spheres, and with a measured height, which is always right, those
+    of two at that height. The default search region, that of the sensors, is enlarged by the longest range. The cost is
+    the negative log-likelihood in nats. With ``bias=positive`` small biases make the likelihood of a row wide and skew:
+    then the covariance is always that of the posterior.
 
     no_candidate: no crossing in the field; no_consensus: three or more rows agree no better than without a source;
     degenerate: on a sensor, or a standard deviation beyond the farthest; too_few: all sensors at one point.
@@ -93,7 +87,7 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
     point, best = fixes.best_point, modes.hessian.at(slice(None), 0)
     evidence = model.log_evidence(fixes.cost[:, 0], at_best, best)
     further = {
-        Status.NO_CONSENSUS: (evidence < options.least_evidence) & (batch.measurements > _CHANCE),
+        Status.NO_CONSENSUS: (evidence < options.least_evidence) & (batch.measurements > model.always_agree),
         Status.AMBIGUOUS: model.rivalled(fixes, options.ambiguous_within + _FURTHER_NATS),
         Status.DEGENERATE: model.uncertain(point, fixes.covariance.at(slice(None), 0)),
         Status.INFEASIBLE: np.any(model.circles.unseen(*point) & (at_best > 0.5), axis=1),
@@ -114,7 +108,8 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
         covariance = posterior_covariance(model.mixture, modes, model.region, candidates, fixes.covariance, status)
         fixes = replace(fixes, covariance=covariance)
     circles = model.circles
-    estimates = ranked_estimates(fixes, status, (circles.center_x, circles.center_y), kind)
+    held_m = circles.held_z_m if isinstance(circles, RangeCircles) else None
+    estimates = ranked_estimates(fixes, status, circles.center, kind, held_m)
     if not batch.want_flags:
         return Solution(estimates=estimates)
     probability = direct_probability(model.mixture, modes, model.region, candidates, at_best, status)
@@ -147,12 +142,10 @@ def _search(
 
 
 def _direct_rows(batch: RangeBatch, options: RangeMixtureOptions) -> tuple[FloatArray, FloatArray]:
-    """Return the likeliest position (B, 2) and the probability (B, K) of each row to be direct there, else NaN."""
+    """Return the likeliest position (B, D) and the probability (B, K) of each row to be direct there, else NaN."""
     groups, model, _, modes = _search(batch, options)
     fixes, direct = rank_modes(model.mixture, modes)
-    center = (model.circles.center_x, model.circles.center_y)
-    position = [part + middle for part, middle in zip(fixes.best_point, center, strict=True)]
-    return np.stack(position, axis=1), restore_rows(direct, groups)
+    return np.stack(model.circles.absolute(*fixes.best_point), axis=1), restore_rows(direct, groups)
 
 
 def _count_outliers(batch: RangeBatch, options: RangeMixtureOptions) -> FloatArray:
@@ -191,6 +184,7 @@ METHOD = MethodSpec(
     randomized=True,
     reads=frozenset({"reflector", "path"}),
     direct_rows=_direct_rows,
+    dimensions=(2, 3),
     learning=Learning(
         options=("alpha", "bias_mean_m"), statistics=_count_outliers, update=_next_options, refusal=_refusal
     ),

@@ -83,16 +83,18 @@ def log_evidence(
     return evidence + np.where(share < 0.0, share, 0.0)
 
 
-def bonus_of_agreement(mixture: Mixture, probability: FloatArray, log_chance: FloatArray) -> FloatArray:
+def bonus_of_agreement(
+    mixture: Mixture, probability: FloatArray, log_chance: FloatArray, always_agree: int = _CHANCE
+) -> FloatArray:
     """Return by how much the `log_evidence` (B,) grows if no row is an outlier, less what is not needed then, in nats.
 
     ``probability`` (B, K): that the rows, one of each sensor, are direct. ``log_chance`` (B,) is the logarithm of the
-    mean probability that a row agrees with a position by chance: all rows beyond two do so the more seldom, the less
-    evidence is needed for as few of such snapshots to have a consensus.
+    mean probability that a row agrees with a position by chance: all rows beyond ``always_agree`` do so the more
+    seldom, the less evidence is needed for as few of such snapshots to have a consensus.
     """
     with ignoring_division():
         gain = sum_measurements(np.log(probability)) - mixture.count * np.log1p(-mixture.obstructed)
-    seldom = np.minimum(2.0 * (log(_SELDOM) - (mixture.count - _CHANCE) * log_chance), _LESS_EVIDENCE)
+    seldom = np.minimum(2.0 * (log(_SELDOM) - (mixture.count - always_agree) * log_chance), _LESS_EVIDENCE)
     return np.asarray(gain + seldom)
 
 

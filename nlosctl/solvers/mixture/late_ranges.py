@@ -27,9 +27,9 @@ from nlosctl.arrays import FloatArray, IntArray, Point
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.regions import Ball
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.ranges.circles import RangeCircles
-from nlosctl.solvers.mixture.range_rings import ring_density, sample_ring
+from nlosctl.models.ranges.spheres import RangeRows
 from nlosctl.solvers.optimization.problem import RowDerivatives
+from nlosctl.solvers.ranges.rings import ring_density, sample_ring
 
 __all__ = ["LateRanges"]
 
@@ -79,12 +79,12 @@ class LateRanges(RowBlock):
     ``half_chi_square`` is the negative logarithm of the ratio of the two, apart from ``log_direct``.
     """
 
-    circles: RangeCircles
+    circles: RangeRows
     mean_m: float | None
     stray: FloatArray
 
     @classmethod
-    def of(cls, circles: RangeCircles, mean_m: float | None, log_density: FloatArray) -> LateRanges:
+    def of(cls, circles: RangeRows, mean_m: float | None, log_density: FloatArray) -> LateRanges:
         """Return the rows, with the logarithm of a stray's density per metre (B,)."""
         share = _STRAY_SHARE * np.exp(log_density)[:, None]
         return cls(circles, mean_m, np.asfortranarray(share * circles.std_m * sqrt(2.0 * pi)))
@@ -96,8 +96,8 @@ class LateRanges(RowBlock):
 
     @property
     def dimension(self) -> int:
-        """The number of coordinates of a point: two."""
-        return 2
+        """The number of coordinates of a point."""
+        return len(self.circles.sensor)
 
     def scalars(self) -> IntArray:
         """Return the number of scalars (B, K) of each row: one."""
@@ -134,7 +134,7 @@ class LateRanges(RowBlock):
         """Return the same as ``half_chi_square`` at points (B,), and its derivatives, with those of the outlier."""
         circles, precision = self.circles, 1.0 / self.circles.std_m[:, k]
         path = circles.path(k, *point)
-        radius, along = path.radius_m, (path.along_x, path.along_y)
+        radius, along = path.radius_m, path.along
         scaled = (circles.range_m[:, k] - path.length_m) * precision
         value, slope, bend, least_bend = self._outlier(k, scaled)
         squared = precision * precision

@@ -3,33 +3,30 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import exp, log, pi, sqrt
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ScalarT, ignoring_division, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_division, ignoring_overflow
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import SensorsField
 from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
-from nlosctl.geometry.circles import cross_circles
-from nlosctl.geometry.regions import Ball, Region, box_diagonal
+from nlosctl.geometry.regions import Ball, BoxRegion, Region, box_diagonal
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.ranges.circles import RangeCircles, range_circles
+from nlosctl.models.ranges.spheres import RangeRows, RangeSpheres, range_rows
 from nlosctl.models.search_regions import reach_region, search_region
-from nlosctl.solvers.bearings.ray_crossings import Candidates, choose_pairs
 from nlosctl.solvers.mixture.consensus import bonus_of_agreement, log_evidence, rival_mass
 from nlosctl.solvers.mixture.late_ranges import LateRanges
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.path_groups import PathGroups, group_paths, path_shares, sort_rows
-from nlosctl.solvers.mixture.range_rings import ring_density, sample_ring
 from nlosctl.solvers.mixture.ranked_estimates import RankedFixes
 from nlosctl.solvers.optimization.problem import RowDerivatives
-from nlosctl.solvers.ranges.circle_crossings import MOST_CROSSINGS, cross_by_circle, pairs_by_circle
+from nlosctl.solvers.ranges.rings import ring_density, sample_ring
 
-__all__ = ["BiasLaw", "DirectRanges", "RangeCandidates", "RangeOutlierModel", "grouped_ranges", "range_outlier_model"]
+__all__ = ["BiasLaw", "DirectRanges", "RangeOutlierModel", "grouped_ranges", "range_outlier_model"]
 
 
 _ON_SENSOR = 1e-6
@@ -42,6 +39,9 @@ _WITHIN_STDS = 6.0
 """A row agrees with a position by chance if it is in an interval of so many standard deviations about the distance, out
 of the side of the area in which a source is expected."""
 
+_HEIGHT_STDS = 5.0
+"""The search region ends so many standard deviations above and below a measured height."""
+
 _NO_OUTLIER = 1e-30
 """The share of outliers with bias=none, which keeps the likelihood above zero far from a range."""
 
@@ -50,12 +50,12 @@ _NO_OUTLIER = 1e-30
 class DirectRanges(RowBlock):
     """Rows (B, K) of ranges as the mixture needs them: Gaussian about the distance from the sensor."""
 
-    circles: RangeCircles
+    circles: RangeRows
 
     @property
     def dimension(self) -> int:
-        """The number of coordinates of a point: two."""
-        return 2
+        """The number of coordinates of a point."""
+        return len(self.circles.sensor)
 
     def scalars(self) -> IntArray:
         """Return the number of scalars (B, K) of each row: one."""
@@ -86,13 +86,23 @@ class DirectRanges(RowBlock):
         path = self.circles.path(k, *point)
         precision = 1.0 / self.circles.std_m[:, k]
         scaled = (path.length_m - self.circles.range_m[:, k]) * precision
-        u, v = path.along_x, path.along_y
         gain, bend = precision * precision, scaled * precision / path.radius_m
-        gauss = SymmetricMatrix.outer(u, v, weight=gain)
+        gauss = SymmetricMatrix.outer(*path.along, weight=gain)
         hessian = SymmetricMatrix(
-            gauss.xx + bend * (1.0 - u * u), gauss.xy - bend * u * v, gauss.yy + bend * (1.0 - v * v)
+            *(
+                mine + bend * (1.0 - u * v) if i == j else mine - bend * u * v
+                for mine, (i, u, j, v) in zip(gauss.parts, _pairs(path.along), strict=True)
+            )
         )
-        return RowDerivatives(0.5 * scaled * scaled, (scaled * precision * u, scaled * precision * v), gauss, hessian)
+        gradient = tuple(scaled * precision * part for part in path.along)
+        return RowDerivatives(0.5 * scaled * scaled, gradient, gauss, hessian)
+
+
+def _pairs(vector: Point) -> Iterator[tuple[int, FloatArray, int, FloatArray]]:
+    """Yield the coordinates of the entries of a symmetric matrix in the order of its parts."""
+    for i, right in enumerate(vector):
+        for j, left in enumerate(vector[: i + 1]):
+            yield i, left, j, right
 
 
 @dataclass(frozen=True)
@@ -103,7 +113,7 @@ class RangeOutlierModel:
     in which a source is expected; ``log_density`` (B,) the logarithm of the density of an outlier of any range.
     """
 
-    circles: RangeCircles
+    circles: RangeRows
     mixture: Mixture
     leader: IntArray
     share: FloatArray
@@ -131,7 +141,13 @@ class RangeOutlierModel:
             return evidence
         log_width = sum_measurements(np.log(_WITHIN_STDS * self.circles.std_m)) / self.mixture.count
         log_chance = log_width - np.log(self.volume) / self.mixture.dimension
-        return np.maximum(evidence, evidence + bonus_of_agreement(self.mixture, probability, log_chance))
+        bonus = bonus_of_agreement(self.mixture, probability, log_chance, self.always_agree)
+        return np.maximum(evidence, evidence + bonus)
+
+    @property
+    def always_agree(self) -> int:
+        """So many rows always agree, as many as unknowns: whether there is a source can't be known from them."""
+        return self.mixture.dimension - (self.circles.level is not None)
 
     def rivalled(self, fixes: RankedFixes, within: float) -> BoolArray:
         """Return which best fixes (B,) leave out a row although other modes have exp(-``within``) of their mass.
@@ -168,7 +184,8 @@ def grouped_ranges(batch: RangeBatch) -> tuple[RangeBatch, PathGroups]:
     keys = [batch.sensor, batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.sensor_height_m, alone]
     keys += [] if batch.reflector is None else [batch.reflector]
     groups = group_paths(keys, batch.path)
-    names = ("sensor", "sensor_xy_m", "range_m", "range_std_m", "path", "reflector", "sensor_height_m")
+    keys += [] if batch.sensor_z_m is None else [batch.sensor_z_m]
+    names = ("sensor", "sensor_xy_m", "range_m", "range_std_m", "path", "reflector", "sensor_height_m", "sensor_z_m")
     arrays: dict[str, Any] = {name: getattr(batch, name) for name in names}
     sorted_arrays: dict[str, Any] = {
         name: sort_rows(array, groups) for name, array in arrays.items() if array is not None
@@ -194,7 +211,7 @@ def range_outlier_model(
     batch: RangeBatch, groups: PathGroups, *, alpha: float, law: BiasLaw, path_prior: str
 ) -> RangeOutlierModel:
     """Return the model of a grouped batch: a share ``alpha`` of outliers, whose range has a law."""
-    circles = range_circles(batch)
+    circles = range_rows(batch)
     region = _region(batch, circles)
     alpha = _NO_OUTLIER if law.bias == "none" else alpha
     obstructed = np.full(batch.size, alpha)
@@ -208,87 +225,37 @@ def range_outlier_model(
         rows = LateRanges.of(circles, law.mean_m, log_density)
         log_stray = np.log(rows.stray)
         log_nlos = sum_measurements(log_stray - log_width)
-        mixture = Mixture.of(rows, log_share - log_stray, obstructed, groups.last, log_nlos, rows)
+        mixture = Mixture.of(rows, log_share - log_stray, obstructed, groups.last, log_nlos, rows, circles.level)
     else:
         log_direct = log_share - log_width - log_density[:, None]
         log_nlos = batch.measurements * log_density
-        mixture = Mixture.of(DirectRanges(circles), log_direct, obstructed, groups.last, log_nlos)
+        mixture = Mixture.of(DirectRanges(circles), log_direct, obstructed, groups.last, log_nlos, height=circles.level)
     volume = region.volume * (_PLAUSIBLE_SHARE if isinstance(batch.field, SensorsField) else 1.0)
+    if circles.level is not None:  # a measured height counts as its Gaussian
+        volume = volume * np.where(circles.level.known, sqrt(2.0 * pi) / (2.0 * _HEIGHT_STDS), 1.0)
     leader = sort_rows(groups.leader, groups)
     return RangeOutlierModel(circles, mixture, leader, share, region, volume, log_density)
 
 
-def _region(batch: RangeBatch, circles: RangeCircles) -> Region:
-    """Return the search regions; a default field of the sensors is enlarged by the longest range."""
-    sensors = batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1]
-    region = search_region(batch.field, sensors, (circles.center_x, circles.center_y))
-    if not isinstance(batch.field, SensorsField):
-        return region
-    return reach_region(region, (circles.sensor_x, circles.sensor_y), max_measurements(batch.range_m))
+def _region(batch: RangeBatch, rows: RangeRows) -> Region:
+    """Return the search regions; a default field of the sensors is enlarged by the longest range.
 
-
-@dataclass(frozen=True)
-class RangeCandidates:
-    """Initial estimates: both crossings of the circles of all pairs of rows that may both be direct.
-
-    ``first`` and ``second`` (P,) or (B, P) are the pairs. ``degenerate`` (B,) marks snapshots whose sensors are all at
-    one point.
+    In space about as high as a measured height may be.
     """
-
-    model: RangeOutlierModel
-    first: IntArray
-    second: IntArray
-    degenerate: BoolArray
-
-    @classmethod
-    def of(cls, batch: RangeBatch, model: RangeOutlierModel, max_pairs: int) -> RangeCandidates:
-        """Return the candidates of a grouped batch with its model."""
-        first, second = choose_pairs(batch.seed, batch.measurements, max_pairs)
-        return cls(model, first, second, model.circles.single_origin())
-
-    @property
-    def count(self) -> int:
-        """The number of candidates of each snapshot."""
-        each = 2 if self.model.circles.circles is None else MOST_CROSSINGS
-        return each * int(self.first.shape[-1])
-
-    def points(self, rows: IntArray) -> Candidates:
-        """Return the candidates of some snapshots; ranges that never agree have one where they do most nearly."""
-        circles = self.model.circles
-        first, second = (index if index.ndim == 1 else index[rows] for index in (self.first, self.second))
-        squared = circles.squared_in_plane()
-
-        def gather(values: npt.NDArray[ScalarT], index: IntArray) -> npt.NDArray[ScalarT]:
-            return values[rows[:, None], index]
-
-        centers = [
-            np.stack([gather(circles.sensor_x, index), gather(circles.sensor_y, index)], axis=-1)
-            for index in (first, second)
-        ]
-        radii = [np.sqrt(np.maximum(gather(squared, index), 0.0)) for index in (first, second)]
-        points = cross_circles(centers[0], radii[0], centers[1], radii[1], gap_tolerance=np.inf)
-        may = (gather(self.model.share, first) > 0.0) & (gather(self.model.share, second) > 0.0)
-        may &= gather(self.model.leader, first) != gather(self.model.leader, second)
-        if circles.circles is not None:
-            points = self._with_crossings_by_circle(points, rows, first, second)
-        each = points.shape[-2]
-        point = tuple(np.concatenate([points[..., n, axis] for n in range(each)], axis=1) for axis in (0, 1))
-        return Candidates(point, np.isfinite(point[0]) & np.concatenate([may] * each, axis=1))
-
-    def _with_crossings_by_circle(
-        self, points: FloatArray, rows: IntArray, first: IntArray, second: IntArray
-    ) -> FloatArray:
-        """Return points (b, P, 2, 2) as (b, P, `MOST_CROSSINGS`, 2), those of pairs with a row by a circle replaced."""
-        circles = self.model.circles.take(rows)
-        shape = points.shape[:2]
-        first, second = (np.broadcast_to(index, shape) for index in (first, second))
-        wide = np.full((*shape, MOST_CROSSINGS, 2), np.nan)
-        wide[:, :, :2] = points
-        at = pairs_by_circle(circles, first, second)
-        if at[0].size:
-            wide[at] = np.stack(cross_by_circle(circles, at[0], first[at], second[at]), axis=-1)
-        return wide
-
-    def allowed(self, rows: IntArray, *point: FloatArray) -> BoolArray:
-        """Return which points (b, P) of some snapshots are in the search region."""
-        return self.model.region.take(rows).contains(*point)
+    sensors: Point = (batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1])
+    if batch.sensor_z_m is not None and isinstance(rows, RangeSpheres):
+        sensors = (*sensors, batch.sensor_z_m)
+    region = search_region(batch.field, sensors, rows.center)
+    if isinstance(batch.field, SensorsField):
+        region = reach_region(region, rows.sensor, max_measurements(batch.range_m))
+    if rows.level is None:
+        return region
+    with ignoring_division():
+        reach_m = _HEIGHT_STDS / rows.level.inverse_std
+    lower, upper = region.bounds_m
+    known = rows.level.known
+    zmin, zmax = (
+        np.where(known, rows.level.z_m - reach_m, lower[2]),
+        np.where(known, rows.level.z_m + reach_m, upper[2]),
+    )
+    return BoxRegion((*lower[:2], zmin), (*upper[:2], zmax))

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray, ignoring_overflow
-from nlosctl.geometry.circles import leave_circle
+from nlosctl.geometry.circles import cross_circles, leave_circle
 from nlosctl.models.circle_rows import CirclePaths
 from nlosctl.models.ranges.circles import RangeCircles
 
-__all__ = ["MOST_CROSSINGS", "cross_by_circle", "pairs_by_circle"]
+__all__ = ["MOST_CROSSINGS", "cross_by_circle", "cross_circle_pairs", "pairs_by_circle"]
 
 MOST_CROSSINGS = 4
 """So many crossings of a pair are returned."""
@@ -58,6 +58,30 @@ class _Curve:
     def off_curve(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the path length minus the range at points (n, M), over the range; NaN where no path leads there."""
         return self.rows.lengths_from(x, y) / self.range_m[:, None] - 1.0
+
+
+def cross_circle_pairs(circles: RangeCircles, first: IntArray, second: IntArray) -> FloatArray:
+    """Return the crossings (B, P, n, 2) of pairs (P,) or (B, P) of rows; n is 2, `MOST_CROSSINGS` with rows by circles.
+
+    Ranges that never agree have one where they do most nearly; NaN where there are fewer.
+    """
+    squared, snapshot = circles.squared_in_plane(), np.arange(circles.range_m.shape[0])[:, None]
+    centers = [
+        np.stack([circles.sensor_x[snapshot, index], circles.sensor_y[snapshot, index]], axis=-1)
+        for index in (first, second)
+    ]
+    radii = [np.sqrt(np.maximum(squared[snapshot, index], 0.0)) for index in (first, second)]
+    points = cross_circles(centers[0], radii[0], centers[1], radii[1], gap_tolerance=np.inf)
+    if circles.circles is None:
+        return points
+    shape = points.shape[:2]
+    first, second = (np.broadcast_to(index, shape) for index in (first, second))
+    wide = np.full((*shape, MOST_CROSSINGS, 2), np.nan)
+    wide[:, :, :2] = points
+    at = pairs_by_circle(circles, first, second)
+    if at[0].size:
+        wide[at] = np.stack(cross_by_circle(circles, at[0], first[at], second[at]), axis=-1)
+    return wide
 
 
 def pairs_by_circle(circles: RangeCircles, first: IntArray, second: IntArray) -> tuple[IntArray, IntArray]:
