@@ -5,18 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import erfc, ndtr
+from scipy.special import chdtrc, ndtr
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Flags, Solution, Words
 from nlosctl.errors import UsageError
-from nlosctl.models.triplets import path_rows
+from nlosctl.models.triplets import PathRows, SpacePaths, paths_of
 from nlosctl.solvers.triplets.detail_columns import DETAIL_COLUMNS, detail_columns, reasons
-from nlosctl.solvers.triplets.difference_rules import rays_miss_by
+from nlosctl.solvers.triplets.difference_rules import rays_miss_by, skew_rays_miss_by
 from nlosctl.solvers.triplets.target_fits import fit_paths
-from nlosctl.solvers.triplets.target_status import path_estimates
+from nlosctl.solvers.triplets.target_status import p_values, path_estimates
 
 __all__ = ["METHOD", "ConsistencyOptions", "solve"]
 
@@ -53,11 +54,12 @@ def solve(batch: TripletBatch, options: ConsistencyOptions) -> Solution:
     wherever the target is and in every frame. The rays meet at the fit, so that the chi-square is at least the square
     of the angle, in standard deviations, by which they miss each other.
     """
-    rows = path_rows(batch)
+    rows = paths_of(batch)
     fits = fit_paths(rows)
-    p_value = erfc(np.sqrt(fits.cost))
+    p_value = p_values(rows, fits)
     significant = p_value < options.false_alarm
-    miss_p_value = 2.0 * ndtr(-rays_miss_by(rows))
+    miss_p_value = _miss_p_values(rows)
+    baseline_m = rows.frame.length_m
     missing = miss_p_value < options.false_alarm
     ip = significant
     if options.rays_miss:
@@ -66,8 +68,9 @@ def solve(batch: TripletBatch, options: ConsistencyOptions) -> Solution:
         ip.shape,
         ("inconsistent", significant),
         ("rays_miss", missing),
-        ("no_ellipse", ~rows.rays.has_ellipse & (rows.rays.baseline_m > 0.0)),
-        ("monostatic", ~(rows.rays.baseline_m > 0.0)),
+        ("no_ellipse", (rows.path_length_m <= baseline_m) & (baseline_m > 0.0)),
+        ("monostatic", ~(baseline_m > 0.0)),
+        ("no_elevations", np.isnan(p_value)),
     )
     estimates = path_estimates(rows, fits, options.ambiguous_within)
     flags = Flags(
@@ -82,6 +85,16 @@ def solve(batch: TripletBatch, options: ConsistencyOptions) -> Solution:
     return Solution(estimates=estimates, flags=flags)
 
 
+def _miss_p_values(rows: PathRows | SpacePaths) -> FloatArray:
+    """Return the p-values (N,) of rays that miss each other.
+
+    In space of as many degrees of freedom as the path has, so that they never are below its own.
+    """
+    if isinstance(rows, PathRows):
+        return 2.0 * ndtr(-rays_miss_by(rows))
+    return chdtrc(2, skew_rays_miss_by(rows) ** 2)
+
+
 METHOD = MethodSpec(
     name="chi2",
     kind="triplets",
@@ -92,6 +105,7 @@ METHOD = MethodSpec(
     solve=solve,
     cost="half the chi-square of the triplet's residuals",
     minimum_measurements=1,
+    dimensions=(2, 3),
     flags=("ip", "p_value", "reason"),
     details=DETAIL_COLUMNS,
 )

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import erfc
 
 from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.batches import TripletBatch
@@ -17,12 +16,12 @@ from nlosctl.contract.results import Estimates, Flags, Solution, has_position
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import sum_measurements
-from nlosctl.models.triplets import path_rows, snapshot_centers
+from nlosctl.models.triplets import paths_of, snapshot_centers
 from nlosctl.solvers.triplets.common_target import CommonTargets, TargetModel, weigh_targets
 from nlosctl.solvers.triplets.detail_columns import DETAIL_COLUMNS, detail_columns, reasons
 from nlosctl.solvers.triplets.likelihood import TripletProblem
 from nlosctl.solvers.triplets.target_fits import fit_paths
-from nlosctl.solvers.triplets.target_status import judge_targets
+from nlosctl.solvers.triplets.target_status import judge_targets, p_values
 from nlosctl.solvers.triplets.wall_detours import Walls
 
 __all__ = ["METHOD", "JointOptions", "solve"]
@@ -67,13 +66,13 @@ def solve(batch: TripletBatch, options: JointOptions) -> Solution:
     it as direct paths would. A target on a wall of the scene is ambiguous if its paths fit better as such detours.
     Without the walls in the scene 3 % of the snapshots of a room without direct paths are ok.
     """
-    rows = path_rows(batch)
+    rows = paths_of(batch)
     fits = fit_paths(rows)
     center = snapshot_centers(batch)
     problem = TripletProblem.of_snapshots(batch, center, options.target_radius_m)
     model = TargetModel(prior_indirect=options.prior_indirect, clutter=options.clutter, targets=options.targets)
     common = weigh_targets(problem, rows.dense_from(center, *fits.point), model)
-    own_p_value = rows.dense(erfc(np.sqrt(fits.cost)))
+    own_p_value = rows.dense(p_values(rows, fits))
     # Without any valid hypothesis of a target (a lone path along its baseline) a path is judged by itself.
     weighed = sum_measurements(common.direct)[:, None] > 0.0
     direct_probability = np.where(weighed, common.direct, np.nan)
@@ -136,7 +135,7 @@ def _estimates(
         row=row,
         target=target,
         chi_square=listed(common.chi_square),
-        degrees_of_freedom=listed(np.where(supported, problem.scalars(), 0).sum(axis=2) - covariance.dimension),
+        degrees_of_freedom=listed(problem.degrees_of_freedom(supported)),
     )
     return estimates, np.logical_or.reduce(supported, axis=0)
 
@@ -156,6 +155,7 @@ METHOD = MethodSpec(
     solve=solve,
     cost="negative log-evidence of the best set of targets, in nats",
     minimum_measurements=1,
+    dimensions=(2, 3),
     remark=_remark,
     flags=("ip", "p_value", "reason", "direct_probability"),
     details=DETAIL_COLUMNS,

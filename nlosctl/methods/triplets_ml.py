@@ -11,7 +11,7 @@ from nlosctl.contract.batches import TripletBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Estimates, Flags, Solution, has_position
-from nlosctl.models.triplets import PathRows, path_rows, snapshot_centers
+from nlosctl.models.triplets import PathRows, SpacePaths, paths_of, snapshot_centers
 from nlosctl.solvers.triplets.likelihood import TripletProblem
 from nlosctl.solvers.triplets.target_fits import TargetFits, fit_paths, fit_snapshots
 from nlosctl.solvers.triplets.target_status import curved_covariance, judge_targets, mark_ambiguous, path_estimates
@@ -36,7 +36,7 @@ def solve(batch: TripletBatch, options: MaximumLikelihoodOptions) -> Solution:
     Newton and Gauss-Newton steps from the three intersections and points between them. The covariance of a single path
     is the second moment of its posterior about the estimate, that of several the inverse Fisher information.
     """
-    rows = path_rows(batch)
+    rows = paths_of(batch)
     fits = fit_paths(rows, max_iterations=options.max_iterations)
     if options.joint:
         return _solve_snapshots(batch, rows, fits, options)
@@ -47,13 +47,13 @@ def solve(batch: TripletBatch, options: MaximumLikelihoodOptions) -> Solution:
 
 
 def _solve_snapshots(
-    batch: TripletBatch, rows: PathRows, single: TargetFits, options: MaximumLikelihoodOptions
+    batch: TripletBatch, rows: PathRows | SpacePaths, single: TargetFits, options: MaximumLikelihoodOptions
 ) -> Solution:
     center = snapshot_centers(batch)
     proposed = rows.dense_from(center, *single.point)
     problem = TripletProblem.of_snapshots(batch, center)
     fits = fit_snapshots(problem, *proposed, max_iterations=options.max_iterations)
-    covariance = problem.information(*fits.point).inverse()
+    covariance = problem.covariance(*fits.point)
     judged = judge_targets(problem, fits.point, covariance, fits.converged)
     if batch.measurements == 1:
         covariance = curved_covariance(rows, single)
@@ -66,7 +66,7 @@ def _solve_snapshots(
         fits.cost,
         batch.measurements,
         chi_square=2.0 * fits.cost,
-        degrees_of_freedom=problem.scalars().sum(axis=1) - len(position),
+        degrees_of_freedom=problem.degrees_of_freedom(np.ones(rows.shape, dtype=bool)),
     )
     answered = np.broadcast_to(has_position(status)[:, None], rows.shape)
     return _solution(estimates, answered, problem.residuals(*fits.point) if batch.want_flags else {})
@@ -90,5 +90,6 @@ METHOD = MethodSpec(
     solve=solve,
     cost="half the chi-square of the residuals",
     minimum_measurements=1,
+    dimensions=(2, 3),
     flags=("residual_dod_rad", "residual_doa_rad", "residual_m"),
 )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TypeVar
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,27 +13,27 @@ from nlosctl.contract.batches import TripletBatch
 from nlosctl.geometry.angles import wrap_angle
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.ellipses import nearest_on_ellipse
-from nlosctl.geometry.triplets import BaselineFrame, Quantity, TripletRays, baseline_frames
+from nlosctl.geometry.triplets import BaselineFrame, Quantity, SpaceFrame, TripletRays, baseline_frames, space_frames
 
-__all__ = ["PathRows", "distance_to_ellipse", "path_rows", "predict_triplets", "snapshot_centers"]
+__all__ = [
+    "PathRows",
+    "SpacePaths",
+    "distance_to_ellipse",
+    "node_positions",
+    "path_rows",
+    "predict_triplets",
+    "snapshot_centers",
+]
 
 DTypeT = TypeVar("DTypeT", bound=np.generic)
 
 
 @dataclass(frozen=True)
-class PathRows:
-    """The paths of a batch, flat (N,), each in its baseline frame; N = B K, the snapshot index varies fastest."""
+class _FlatRows:
+    """The paths of a batch, flat (N,), each in a frame of its own; N = B K, the snapshot index varies fastest."""
 
-    frame: BaselineFrame
-    rays: TripletRays
-    dod_std_rad: FloatArray
-    doa_std_rad: FloatArray
-    path_length_std_m: FloatArray
+    frame: BaselineFrame | SpaceFrame
     shape: tuple[int, int]
-
-    def weights_m(self, quantity: Quantity) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return what one standard deviation of DOA, DOD and path length moves a quantity by, in metres."""
-        return quantity.weights_m(self.doa_std_rad, self.dod_std_rad, self.path_length_std_m)
 
     def dense(self, flat: npt.NDArray[DTypeT]) -> npt.NDArray[DTypeT]:
         """Return an array (N,) as a block (B, K)."""
@@ -45,8 +45,58 @@ class PathRows:
         return tuple(self.dense(part) - own[:, None] for part, own in zip(position, center, strict=True))
 
 
+@dataclass(frozen=True)
+class PathRows(_FlatRows):
+    """Paths in the plane, each in its baseline frame."""
+
+    frame: BaselineFrame
+    rays: TripletRays
+    dod_std_rad: FloatArray
+    doa_std_rad: FloatArray
+    path_length_std_m: FloatArray
+
+    @property
+    def path_length_m(self) -> FloatArray:
+        """The path lengths (N,)."""
+        return self.rays.path_length_m
+
+    def weights_m(self, quantity: Quantity) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what one standard deviation of DOA, DOD and path length moves a quantity by, in metres."""
+        return quantity.weights_m(self.doa_std_rad, self.dod_std_rad, self.path_length_std_m)
+
+
+@dataclass(frozen=True)
+class SpacePaths(_FlatRows):
+    """Paths in space, in the axes of the file about the midpoint of each baseline.
+
+    ``batch`` has N snapshots of a single path.
+    """
+
+    frame: SpaceFrame
+    batch: TripletBatch
+
+    @property
+    def path_length_m(self) -> FloatArray:
+        """The path lengths (N,)."""
+        return self.batch.path_length_m[:, 0]
+
+    @property
+    def path_length_std_m(self) -> FloatArray:
+        """Their standard deviations (N,)."""
+        return self.batch.path_length_std_m[:, 0]
+
+
+def paths_of(batch: TripletBatch) -> PathRows | SpacePaths:
+    """Return the paths of a batch as flat rows, in the plane or in space."""
+    if batch.dimension == 2:
+        return path_rows(batch)
+    single = _single_paths(batch)
+    frame = space_frames(*(tuple(part[:, 0] for part in node) for node in node_positions(single)))
+    return SpacePaths(frame=frame, shape=(batch.size, batch.measurements), batch=single)
+
+
 def path_rows(batch: TripletBatch) -> PathRows:
-    """Return the paths of a batch as flat rows."""
+    """Return the paths of a batch in the plane as flat rows."""
 
     def flat(array: FloatArray) -> FloatArray:
         return array.reshape(-1, order="F")
@@ -61,6 +111,26 @@ def path_rows(batch: TripletBatch) -> PathRows:
         path_length_std_m=flat(batch.path_length_std_m),
         shape=(batch.size, batch.measurements),
     )
+
+
+def _single_paths(batch: TripletBatch) -> TripletBatch:
+    """Return a batch (N, 1) with a snapshot for each path."""
+    changed: dict[str, Any] = {}
+    for field in fields(batch):
+        array = getattr(batch, field.name)
+        if isinstance(array, np.ndarray):
+            flat = (batch.size * batch.measurements, 1, *array.shape[2:])
+            changed[field.name] = (
+                np.tile(array, batch.measurements) if array.ndim == 1 else array.reshape(flat, order="F")
+            )
+    return replace(batch, **changed)
+
+
+def node_positions(batch: TripletBatch) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
+    """Return the coordinates of transmitters and receivers, as D arrays (B, K) each."""
+    nodes = ((batch.tx_xy_m, batch.tx_z_m), (batch.rx_xy_m, batch.rx_z_m))
+    tx, rx = ((xy[..., 0], xy[..., 1], *(() if z is None else (z,))) for xy, z in nodes)
+    return tx, rx
 
 
 def predict_triplets(
@@ -101,12 +171,8 @@ def distance_to_ellipse(rays: TripletRays) -> Quantity:
         )
 
 
-def snapshot_centers(batch: TripletBatch) -> tuple[FloatArray, FloatArray]:
-    """Return the mean (B,) of the transmitters and receivers of each snapshot, x and y in metres."""
+def snapshot_centers(batch: TripletBatch) -> tuple[FloatArray, ...]:
+    """Return the mean (D arrays (B,)) of the transmitters and receivers of each snapshot, metres."""
     count = 2.0 * max(batch.measurements, 1)
-
-    def center(axis: int) -> FloatArray:
-        nodes = sum_measurements(batch.tx_xy_m[..., axis]) + sum_measurements(batch.rx_xy_m[..., axis])
-        return nodes / count
-
-    return center(0), center(1)
+    nodes = zip(*node_positions(batch), strict=True)
+    return tuple((sum_measurements(tx) + sum_measurements(rx)) / count for tx, rx in nodes)

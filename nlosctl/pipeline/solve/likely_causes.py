@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import erfc
 
 from nlosctl.contract.results import is_fix
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import KINDS, Spelling
 from nlosctl.contract.tables.shared import DEGREE
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
-from nlosctl.models.triplets import path_rows
+from nlosctl.models.triplets import paths_of
 from nlosctl.pipeline.solve.advice import Measured
 from nlosctl.pipeline.solve.method_runs import method_runs
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolver, dense_batch
 from nlosctl.solvers.triplets.target_fits import fit_paths
+from nlosctl.solvers.triplets.target_status import p_values
 
 __all__ = ["cause_remarks", "change_text", "changes", "fit_after_changes"]
 
@@ -139,7 +139,8 @@ def _fits_of_paths(chunk: Chunk, measured: Measured) -> dict[str, int]:
     counts = {_TRIED: rows.size}
     for name, columns in ways.items():
         batch: Any = dense_batch("triplets", columns, rows, scene=Scene())
-        p_value = erfc(np.sqrt(fit_paths(path_rows(batch)).cost))
+        paths = paths_of(batch)
+        p_value = p_values(paths, fit_paths(paths))
         counts[name] = int(np.count_nonzero(p_value >= _BAD_P_VALUE))
     one = {name: values[rows[:, 0]] for name, values in chunk.columns.items()}
     baseline = np.hypot(one["tx_x_m"] - one["rx_x_m"], one["tx_y_m"] - one["rx_y_m"])

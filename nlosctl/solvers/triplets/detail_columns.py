@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from itertools import islice
+
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.results import Words
 from nlosctl.geometry.triplets import DIFFERENCES
 from nlosctl.models.error_laws import ErrorLaw, GaussianErrors
-from nlosctl.models.triplets import PathRows
+from nlosctl.models.triplets import PathRows, SpacePaths
 from nlosctl.solvers.triplets.difference_rules import decide, rule_quantity
+from nlosctl.solvers.triplets.initial_space_estimates import space_crossings, space_starts
+from nlosctl.solvers.triplets.likelihood import TripletProblem
 
 __all__ = ["DETAIL_COLUMNS", "detail_columns", "reasons"]
 
@@ -26,12 +30,14 @@ DETAIL_COLUMNS = (
 
 
 def detail_columns(
-    rows: PathRows, false_alarm: float, *, law: ErrorLaw | None = None, eta_m: float = 0.0
+    rows: PathRows | SpacePaths, false_alarm: float, *, law: ErrorLaw | None = None, eta_m: float = 0.0
 ) -> dict[str, FloatArray]:
     """Return the details (B, K) by name: points in global coordinates, lambda and thresholds in the baseline frame.
 
     Metres; NaN where a point does not exist. ``law`` is Gaussian by default; ``eta_m`` as in `decide`.
     """
+    if isinstance(rows, SpacePaths):
+        return _space_details(rows)
     law = law or GaussianErrors()
     flat: dict[str, FloatArray] = {}
     for point, name in _POINTS:
@@ -42,6 +48,17 @@ def detail_columns(
         flat[f"lambda{rule}_m"] = decision.value_m
         flat[f"threshold{rule}_m"] = decision.threshold_m(law, false_alarm, eta_m)
     return {name: rows.dense(flat[name]) for name in DETAIL_COLUMNS}
+
+
+def _space_details(rows: SpacePaths) -> dict[str, FloatArray]:
+    """Return the three points; the rules compare coordinates in the plane, and have no values in space."""
+    problem = TripletProblem.of_paths(rows)
+    on_ellipsoid = list(islice(space_starts(rows, problem), 3))[1:]
+    details = {name: np.full(rows.shape, np.nan) for name in DETAIL_COLUMNS}
+    for (_, name), point in zip(_POINTS, (space_crossings(rows, problem), *on_ellipsoid), strict=True):
+        for axis, values in zip(("x", "y"), rows.frame.to_global(*point), strict=False):
+            details[f"{name}_{axis}_m"] = rows.dense(values)
+    return details
 
 
 def reasons(shape: tuple[int, ...], *parts: tuple[str, BoolArray]) -> Words:

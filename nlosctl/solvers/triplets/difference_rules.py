@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, ignoring_division, ignoring_invalid, ignoring_overflow
+from nlosctl.geometry.directions import Vector, cross, direction_frame, dot, scaled, subtract
 from nlosctl.geometry.triplets import AXES, DIFFERENCES, Quantity, TripletRays
 from nlosctl.models.error_laws import ErrorLaw, exceedance, quantile
-from nlosctl.models.triplets import PathRows, distance_to_ellipse
+from nlosctl.models.triplets import PathRows, SpacePaths, distance_to_ellipse
 
 __all__ = [
     "BLIND_WITHIN",
@@ -20,6 +21,7 @@ __all__ = [
     "decide_fusion",
     "rays_miss_by",
     "rule_quantity",
+    "skew_rays_miss_by",
 ]
 
 
@@ -101,6 +103,48 @@ def rays_miss_by(rows: PathRows) -> FloatArray:
     same_side = rays.dod_sine * rays.doa_sine > 0.0
     across = np.minimum(parallel, np.minimum(departing, arriving))
     return np.where(missing, np.where(same_side, parallel, across), 0.0)
+
+
+def skew_rays_miss_by(rows: SpacePaths) -> FloatArray:
+    """Return by how many standard deviations (N,) the rays of paths in space miss each other; 0 without elevations.
+
+    Their distance over its standard deviation there; where they pass each other behind a node the angle between them.
+    """
+    batch = rows.batch
+    if batch.dod_elevation_rad is None or batch.doa_elevation_rad is None:
+        return np.zeros(rows.path_length_m.shape)
+    ends = (
+        (batch.dod_rad, batch.dod_std_rad, batch.dod_elevation_rad, batch.dod_elevation_std_rad),
+        (batch.doa_rad, batch.doa_std_rad, batch.doa_elevation_rad, batch.doa_elevation_std_rad),
+    )
+    frames, stds = [], []
+    for azimuth, std, elevation, elevation_std in ends:
+        frames.append(direction_frame(azimuth[:, 0], elevation[:, 0]))
+        stds.append((std[:, 0] * np.cos(elevation[:, 0]), np.asarray(elevation_std)[:, 0]))
+    baseline, normal = scaled(rows.frame.axes[0], rows.frame.length_m), cross(frames[0][0], frames[1][0])
+    with ignoring_division():
+        # tx + s u = rx + r v, up to the common normal: s and r by the triple products.
+        squared = dot(normal, normal)
+        reach = [dot(cross(baseline, frames[end][0]), normal) / squared for end in (1, 0)]
+        across = scaled(normal, 1.0 / np.sqrt(squared))
+        spreads = [_angular_spread(across, frame, std) for frame, std in zip(frames, stds, strict=True)]
+        miss = np.abs(dot(baseline, across)) / np.hypot(reach[0] * spreads[0], reach[1] * spreads[1])
+        turn = subtract(frames[1][0], frames[0][0])
+        aside = scaled(turn, 1.0 / np.sqrt(dot(turn, turn)))
+        angle = np.arctan2(np.sqrt(squared), dot(frames[0][0], frames[1][0]))
+        parallel = angle / np.hypot(
+            *(_angular_spread(aside, frame, std) for frame, std in zip(frames, stds, strict=True))
+        )
+    ahead = (reach[0] > 0.0) & (reach[1] > 0.0)
+    missing: FloatArray = np.nan_to_num(np.where(ahead, miss, np.fmin(miss, parallel)) * (rows.frame.length_m > 0.0))
+    return missing
+
+
+def _angular_spread(
+    axis: Vector, frame: tuple[Vector, Vector, Vector], std_rad: tuple[FloatArray, FloatArray]
+) -> FloatArray:
+    """Return the standard deviation of a direction along an axis, radians."""
+    return np.asarray(np.hypot(dot(axis, frame[1]) * std_rad[0], dot(axis, frame[2]) * std_rad[1]))
 
 
 def blind_rows(rows: PathRows, rule: int | str) -> BoolArray:

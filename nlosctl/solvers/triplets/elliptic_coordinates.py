@@ -19,16 +19,16 @@ from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
 from nlosctl.solvers.optimization.problem import Evaluation
 from nlosctl.solvers.triplets.likelihood import PathSums, TripletProblem
 
-__all__ = ["minimize_paths", "path_covariance"]
+__all__ = ["HIGHEST_NATS", "PATIENCE", "minimize_paths", "path_covariance", "quadrature_nodes"]
 
 
-_PATIENCE = 20
+PATIENCE = 20
 """Refused steps after which a descent is given up: then the likelihood has no smooth minimum near, as at the nodes."""
 
 _NODES_ALONG, _NODES_ACROSS = 7, 5
 """Nodes of the quadrature along the ellipse, where the likelihood is wide and curved, and across it."""
 
-_HIGHEST_NATS = 30.0
+HIGHEST_NATS = 30.0
 """Points likelier than the estimate by more than this count as if by this much."""
 
 
@@ -97,7 +97,7 @@ def minimize_paths(
 ) -> Minimum:
     """Minimize the cost of single paths (N, 1) in their baseline frames from starts (N,); the result is in x, y."""
     problem = _EllipticProblem(plane, baseline_m)
-    found = minimize(problem, *problem.from_plane(*start), max_iterations=max_iterations, patience=_PATIENCE)
+    found = minimize(problem, *problem.from_plane(*start), max_iterations=max_iterations, patience=PATIENCE)
     x, y = problem.to_plane(found.x, found.y)
     there = plane.evaluate(x, y)
     return Minimum((x, y), there.cost, there.hessian, found.converged, found.evaluations)
@@ -125,12 +125,12 @@ def path_covariance(
         tilt = linear.xy / along
         across = np.sqrt(linear.xx - tilt * tilt)
         total = [np.zeros(x.shape) for _ in range(4)]
-        for u_along, weight_along in zip(*_nodes(_NODES_ALONG), strict=True):
-            for u_across, weight_across in zip(*_nodes(_NODES_ACROSS), strict=True):
+        for u_along, weight_along in zip(*quadrature_nodes(_NODES_ALONG), strict=True):
+            for u_across, weight_across in zip(*quadrature_nodes(_NODES_ACROSS), strict=True):
                 at_w, at_v = w + tilt * u_along + across * u_across, v + along * u_along
                 at_x, at_y = problem.to_plane(at_w, at_v)
                 nats = cost - plane.cost(at_x, at_y) + 0.5 * (u_along * u_along + u_across * u_across)
-                mass = np.exp(np.minimum(nats, _HIGHEST_NATS)) * problem.area(at_w, at_v)
+                mass = np.exp(np.minimum(nats, HIGHEST_NATS)) * problem.area(at_w, at_v)
                 mass *= weight_along * weight_across
                 dx, dy = at_x - x, at_y - y
                 for sums, factor in zip(total, (np.ones_like(dx), dx * dx, dx * dy, dy * dy), strict=True):
@@ -138,7 +138,7 @@ def path_covariance(
         return SymmetricMatrix(*(sums / total[0] for sums in total[1:]))
 
 
-def _nodes(count: int) -> tuple[list[float], list[float]]:
+def quadrature_nodes(count: int) -> tuple[list[float], list[float]]:
     """Return the nodes and weights of Gauss-Hermite quadrature for the density exp(-u^2 / 2)."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(count)
     return nodes.tolist(), weights.tolist()

@@ -15,11 +15,10 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.blocks import RowBlock
+from nlosctl.geometry.directions import Vector
 from nlosctl.geometry.symmetric import SymmetricMatrix, dot
 
 __all__ = ["Leg", "Node", "Residual", "angle_residual", "cross_rays", "leg_to", "length_residual"]
-
-Vector = tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True)
@@ -57,6 +56,11 @@ class Node(RowBlock):
         cosine, sine = self.cosine, self.sine
         across = (-sine, cosine, np.zeros_like(sine))
         return (level * cosine, level * sine, rise), across, (-rise * cosine, -rise * sine, level)
+
+    def ray(self, elevation_rad: FloatArray) -> Vector:
+        """Return the unit vectors with the measured azimuths and other elevations."""
+        level, rise = cosine_sine(elevation_rad)
+        return level * self.cosine, level * self.sine, rise
 
     def map(self, change: Callable[[FloatArray], FloatArray]) -> Node:
         """Return the node with a function applied to each array."""

@@ -11,15 +11,34 @@ from nlosctl.contract.batches import TripletBatch
 from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.blocks import RowBlock, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.triplets import PathRows
+from nlosctl.models.triplets import PathRows, SpacePaths, node_positions
 from nlosctl.solvers.optimization.problem import Evaluation
 from nlosctl.solvers.triplets.legs import Node, leg_to, length_residual
 
-__all__ = ["LEAST_SCALARS", "PathSums", "TripletProblem"]
+__all__ = ["LEAST_SCALARS", "Height", "HeldTriplets", "PathSums", "TripletProblem"]
 
 
 LEAST_SCALARS = 3
 """The scalars of a triplet without elevations: azimuths of departure and arrival, and path length."""
+
+
+@dataclass(frozen=True)
+class Height(RowBlock):
+    """Measured heights (B,) of targets about local origins, and their inverse standard deviations: 0 without a height.
+
+    ``held`` heights are exact, and x and y the only unknowns.
+    """
+
+    z_m: FloatArray
+    inverse_std: FloatArray
+    held: bool
+
+    @classmethod
+    def of(cls, z_m: FloatArray, std_m: FloatArray) -> Height:
+        """Return heights (B,), NaN where there is none; all are held, or none."""
+        measured = np.isfinite(z_m) & (std_m > 0.0)
+        inverse_std = np.where(measured, 1.0 / np.where(measured, std_m, 1.0), 0.0)
+        return cls(np.nan_to_num(z_m), inverse_std, bool((std_m == 0.0).any()))
 
 
 @dataclass(frozen=True)
@@ -35,10 +54,13 @@ class TripletProblem(RowBlock):
     path_length_m: FloatArray
     inverse_length_std: FloatArray
     scatter_m2: FloatArray
+    height: Height | None = None
 
     @classmethod
-    def of_paths(cls, rows: PathRows) -> TripletProblem:
+    def of_paths(cls, rows: PathRows | SpacePaths) -> TripletProblem:
         """Return a problem for every path by itself (N, 1), in the frame of its baseline."""
+        if isinstance(rows, SpacePaths):
+            return cls.of_snapshots(rows.batch, rows.frame.center)
         rays, half = rows.rays, 0.5 * rows.frame.length_m
         zero = np.zeros_like(half)
 
@@ -61,15 +83,25 @@ class TripletProblem(RowBlock):
         A target scatters paths at the distance ``target_radius_m`` from its centre; None: that of each row.
         """
         radius = batch.target_radius_m if target_radius_m is None else np.full(batch.dod_rad.shape, target_radius_m)
-        scatter = np.zeros(batch.dod_rad.shape) if radius is None else 0.5 * np.nan_to_num(radius) ** 2
-        tx, rx = (
-            Node(tuple(xy[..., axis] - own[:, None] for axis, own in enumerate(center)), *cosine_sine(angle), 1.0 / std)
-            for xy, angle, std in (
-                (batch.tx_xy_m, batch.dod_rad, batch.dod_std_rad),
-                (batch.rx_xy_m, batch.doa_rad, batch.doa_std_rad),
-            )
+        scatter = np.zeros(batch.dod_rad.shape) if radius is None else np.nan_to_num(radius) ** 2 / len(center)
+        directions = (
+            (batch.dod_rad, batch.dod_std_rad, batch.dod_elevation_rad, batch.dod_elevation_std_rad),
+            (batch.doa_rad, batch.doa_std_rad, batch.doa_elevation_rad, batch.doa_elevation_std_rad),
         )
-        return cls(tx, rx, batch.path_length_m, 1.0 / batch.path_length_std_m, np.asfortranarray(scatter))
+        tx, rx = (
+            Node(
+                tuple(part - own[:, None] for part, own in zip(position, center, strict=True)),
+                *cosine_sine(azimuth),
+                1.0 / std,
+                *(_elevations(azimuth.shape, *elevation) if batch.dimension == 3 else ()),
+            )
+            for position, (azimuth, std, *elevation) in zip(node_positions(batch), directions, strict=True)
+        )
+        height = None
+        if batch.target_z_m is not None and batch.target_z_std_m is not None:
+            height = Height.of(batch.target_z_m - center[2], batch.target_z_std_m)
+        length = (batch.path_length_m, 1.0 / batch.path_length_std_m)
+        return cls(tx, rx, *length, np.asfortranarray(scatter), height)
 
     @property
     def dimension(self) -> int:
@@ -81,12 +113,29 @@ class TripletProblem(RowBlock):
         """The number of paths of each snapshot, K."""
         return int(self.path_length_m.shape[1])
 
+    @property
+    def held(self) -> Height | None:
+        """The heights of the targets, if they are exact."""
+        return self.height if self.height is not None and self.height.held else None
+
     def scalars(self) -> IntArray:
         """Return the number of scalars (B, K) that each path measures: directions and path length."""
         count = np.full(self.path_length_m.shape, LEAST_SCALARS)
         for node in (self.tx, self.rx):
             count += node.has_elevation
         return count
+
+    def degrees_of_freedom(self, paths: BoolArray) -> IntArray:
+        """Return the scalars of some ``paths`` (..., B, K), and of the height, minus the unknowns."""
+        spare = np.where(paths, self.scalars(), 0).sum(axis=-1) - self.dimension
+        if self.height is not None:
+            spare = spare + (1 if self.height.held else (self.height.inverse_std > 0.0))
+        return np.asarray(spare, dtype=np.int64)
+
+    def covariance(self, *point: FloatArray) -> SymmetricMatrix:
+        """Return the inverse Fisher information (B,) of targets; zero in z where that is held."""
+        information = self.information(*point)
+        return information.inverse() if self.held is None else information.leading(2).inverse().extended(3)
 
     def residuals(self, *point: FloatArray) -> dict[str, FloatArray]:
         """Return measured minus predicted angles (radians) and path length (metres), (B, K), at targets (B,).
@@ -119,7 +168,10 @@ class TripletProblem(RowBlock):
 
     def cost(self, *point: FloatArray) -> FloatArray:
         """Return half the chi-square (B,) at targets (B,)."""
-        return 0.5 * sum_measurements(self.squares(*point))
+        chi_square = sum_measurements(self.squares(*point))
+        if self.height is not None:
+            chi_square += ((point[2] - self.height.z_m) * self.height.inverse_std) ** 2
+        return 0.5 * chi_square
 
     def chi_square(self, point: tuple[FloatArray, ...], paths: BoolArray) -> FloatArray:
         """Return the chi-square (B,) of the residuals of some ``paths`` (B, K) at targets (B,)."""
@@ -128,18 +180,46 @@ class TripletProblem(RowBlock):
 
     def evaluate(self, *point: FloatArray) -> Evaluation:
         """Return cost, gradient and the exact second derivatives, or Gauss-Newton's where those are not positive."""
-        return self._sums(*point).evaluation()
+        return self.sums(*point).evaluation()
 
     def information(self, *point: FloatArray) -> SymmetricMatrix:
         """Return the Fisher information (B,) of targets (B,): the Gauss-Newton matrix there."""
-        return self._sums(*point).gauss
+        return self.sums(*point).gauss
 
-    def _sums(self, *point: FloatArray) -> PathSums:
+    def sums(self, *point: FloatArray) -> PathSums:
+        """Return the sums over all paths, and the height, at targets (B,)."""
         total = PathSums(point[0].shape, len(point))
         with ignoring_overflow():
             for k in range(self.paths):
                 total.add_path(self, k, *point)
+            if self.height is not None:
+                total.add_height(self.height, point[2])
         return total
+
+
+def _elevations(
+    shape: tuple[int, ...], elevation_rad: FloatArray | None, std_rad: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return elevations and inverse standard deviations (B, K), 0 in rows without."""
+    if elevation_rad is None or std_rad is None:
+        return np.zeros(shape, order="F"), np.zeros(shape, order="F")
+    measured = np.isfinite(elevation_rad)
+    return np.where(measured, elevation_rad, 0.0), np.where(measured, 1.0 / np.where(measured, std_rad, 1.0), 0.0)
+
+
+@dataclass(frozen=True)
+class HeldTriplets(RowBlock):
+    """Triplets whose targets have exact heights, as a function of x and y (B,)."""
+
+    space: TripletProblem
+    z_m: FloatArray
+
+    def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
+        """Return the evaluation at x, y: that in space, without z."""
+        sums = self.space.sums(x, y, self.z_m)
+        gauss, bend = sums.gauss.leading(2), sums.bend.leading(2)
+        with ignoring_overflow():
+            return Evaluation.of_newton(0.5 * sums.cost, sums.gradient[:2], gauss + bend, gauss)
 
 
 class PathSums:
@@ -163,6 +243,11 @@ class PathSums:
         self._add(length.value, length.slope)
         for leg in legs:
             leg.add_length_bend(self.bend, length.value * inverse_std)
+
+    def add_height(self, height: Height, z: FloatArray) -> None:
+        """Add a measured height of every snapshot."""
+        zero = np.zeros_like(z)
+        self._add((z - height.z_m) * height.inverse_std, (zero, zero, height.inverse_std))
 
     def _add(self, value: FloatArray, slope: tuple[FloatArray, ...]) -> None:
         self.cost += value * value

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_invalid, ignoring_overflow
 from nlosctl.geometry.blocks import rows_of
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.triplets import PathRows
+from nlosctl.geometry.triplets import SpaceFrame
+from nlosctl.models.triplets import PathRows, SpacePaths
 from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
 from nlosctl.solvers.triplets.elliptic_coordinates import minimize_paths
-from nlosctl.solvers.triplets.likelihood import TripletProblem
+from nlosctl.solvers.triplets.initial_estimates import plane_crossings, plane_starts, plane_suprema
+from nlosctl.solvers.triplets.initial_space_estimates import space_crossings, space_starts, space_suprema
+from nlosctl.solvers.triplets.likelihood import HeldTriplets, TripletProblem
+from nlosctl.solvers.triplets.spheroidal_coordinates import minimize_space_paths
 
 __all__ = ["TargetFits", "fit_paths", "fit_snapshots"]
 
@@ -65,21 +69,21 @@ class TargetFits:
         )
 
 
-def fit_paths(rows: PathRows, *, max_iterations: int = 100) -> TargetFits:
+def fit_paths(rows: PathRows | SpacePaths, *, max_iterations: int = 100) -> TargetFits:
     """Fit every path by itself from the three intersections and between them, in its baseline frame.
 
-    The chi-square of a direct path has one degree of freedom. One start is not enough: the likelihood of an indirect
-    path has several minima. Points in the basin of a known minimum are skipped.
+    The chi-square of a direct path has as many degrees of freedom as it has spare scalars: one in the plane. One start
+    is not enough: the likelihood of an indirect path has several minima. Points in the basin of a known minimum are
+    skipped.
     """
     problem = TripletProblem.of_paths(rows)
-    baseline_m = rows.rays.baseline_m
-
-    def descend(open_rows: IntArray, *start: FloatArray) -> Minimum:
-        return minimize_paths(problem.take(open_rows), baseline_m[open_rows], start, max_iterations)
-
-    best = _best_of(problem, _starts(rows), descend)
+    starts, crossing = _initial_estimates(rows, problem)
+    held = problem.held
+    if held is not None:
+        starts, crossing = ((*start[:2], held.z_m) for start in starts), (*crossing[:2], held.z_m)
+    descend = _descend_paths(rows, problem, max_iterations)
+    best = _best_of(problem, starts, descend)
     # Where the lines cross is worth a start only if it is better than what the ellipse has led to.
-    crossing = _crossings(rows)
     with ignoring_invalid():
         promising = problem.evaluate(*crossing).cost < best.cost
     open_rows = np.flatnonzero(promising & ~_leads_back(problem, best, crossing))
@@ -88,29 +92,57 @@ def fit_paths(rows: PathRows, *, max_iterations: int = 100) -> TargetFits:
     open_rows = np.flatnonzero(~best.converged)
     if open_rows.size:
         _improve(best, open_rows, _descend(problem, max_iterations)(open_rows, *rows_of(best.point, open_rows)))
-    _consider_nodes(best, rows)
+    if held is None:
+        _consider_suprema(best, rows, problem)
     return best
 
 
-def _consider_nodes(best: TargetFits, rows: PathRows) -> None:
-    """Put targets on a transmitter or receiver where no other point costs less, as for paths shorter than baselines.
+def _initial_estimates(
+    rows: PathRows | SpacePaths, problem: TripletProblem
+) -> tuple[Iterable[tuple[FloatArray, ...]], tuple[FloatArray, ...]]:
+    """Return the initial estimates of paths, and where their lines cross."""
+    if isinstance(rows, SpacePaths):
+        return space_starts(rows, problem), space_crossings(rows, problem)
+    return plane_starts(rows), plane_crossings(rows)
 
-    The likelihood has its supremum there without reaching it: the angle at that node is then any.
-    """
-    rays, half = rows.rays, 0.5 * rows.rays.baseline_m
-    length = (rays.path_length_m - rays.baseline_m) / rows.path_length_std_m
-    at_tx = np.arctan2(rays.doa_sine, -rays.doa_cosine) / rows.doa_std_rad
-    at_rx = np.arctan2(rays.dod_sine, rays.dod_cosine) / rows.dod_std_rad
-    for angle, x in ((at_tx, -half), (at_rx, half)):
-        cost = 0.5 * (length * length + angle * angle)
-        better = (cost <= best.cost) & (half > 0.0)
-        best.x[better], best.y[better], best.cost[better] = x[better], 0.0, cost[better]
-        best.converged[better] = True
+
+def _consider_suprema(best: TargetFits, rows: PathRows | SpacePaths, problem: TripletProblem) -> None:
+    """Put targets on a node, or straight above one, where no other point costs less."""
+    suprema: Iterable[tuple[IntArray, tuple[FloatArray, ...], FloatArray]] = (
+        space_suprema(rows, problem, best.cost) if isinstance(rows, SpacePaths) else plane_suprema(rows)
+    )
+    for some, point, cost in suprema:
+        better = cost <= best.cost[some]
+        chosen = some[better]
+        for mine, part in zip(best.point, point, strict=True):
+            mine[chosen] = part[better]
+        best.cost[chosen], best.converged[chosen] = cost[better], True
+
+
+def _descend_paths(rows: PathRows | SpacePaths, problem: TripletProblem, max_iterations: int) -> Callable[..., Minimum]:
+    """Return the descent of single paths, in coordinates in which their valleys are straight."""
+    if problem.held is not None:
+        return _descend(problem, max_iterations)
+
+    def descend(open_rows: IntArray, *start: FloatArray) -> Minimum:
+        some, frame = problem.take(open_rows), rows.frame
+        if isinstance(frame, SpaceFrame):
+            return minimize_space_paths(some, *rows_of((frame.length_m, frame.axes), open_rows), start, max_iterations)
+        return minimize_paths(some, frame.length_m[open_rows], start, max_iterations)
+
+    return descend
 
 
 def _descend(problem: TripletProblem, max_iterations: int) -> Callable[..., Minimum]:
+    """Return the descent in the coordinates of the targets; those whose height is held stay at it."""
+
     def descend(rows: IntArray, *start: FloatArray) -> Minimum:
-        return minimize(problem.take(rows), *start, max_iterations=max_iterations, patience=max_iterations)
+        some = problem.take(rows)
+        if some.held is None:
+            return minimize(some, *start, max_iterations=max_iterations, patience=max_iterations)
+        level = HeldTriplets(some, some.held.z_m)
+        found = minimize(level, *start[:2], max_iterations=max_iterations, patience=max_iterations)
+        return found._replace(point=(*found.point, some.held.z_m), hessian=found.hessian.extended(3))
 
     return descend
 
@@ -121,6 +153,9 @@ def fit_snapshots(problem: TripletProblem, *proposed: FloatArray, max_iterations
     order = np.argsort(np.where(np.isnan(costs), np.inf, costs), axis=1, kind="stable")[:, :_SNAPSHOT_STARTS]
     start = [np.take_along_axis(values, order, axis=1) for values in proposed]
     starts = (tuple(part[:, number] for part in start) for number in range(order.shape[1]))
+    if problem.held is not None:
+        level = problem.held.z_m
+        starts = ((*start[:2], level) for start in starts)
     return _best_of(problem, starts, _descend(problem, max_iterations))
 
 
@@ -148,28 +183,6 @@ def _best_of(
         if rows.size:
             _improve(best, rows, descend(rows, *rows_of(start, rows)))
     return best or TargetFits.none(0, problem.dimension)
-
-
-def _starts(rows: PathRows) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield initial estimates (N,): the midpoint of points 2 and 3, and both.
-
-    Where there is no ellipse they are on a longer one.
-    """
-    rays = rows.rays
-    longer = replace(rays, path_length_m=np.maximum(rays.path_length_m, rays.baseline_m + rows.path_length_std_m))
-    x2, y2, x3, y3 = (longer.coordinate(point, axis).value_m for point in (2, 3) for axis in ("x", "y"))
-    yield 0.5 * (x2 + x3), 0.5 * (y2 + y3)
-    yield x2, y2
-    yield x3, y3
-
-
-def _crossings(rows: PathRows) -> tuple[FloatArray, FloatArray]:
-    """Return point 1 (N,); NaN where the lines are nearly parallel or meet behind, where it is uninformative."""
-    rays = rows.rays
-    x, y = rays.coordinate(1, "x").value_m, rays.coordinate(1, "y").value_m
-    with ignoring_overflow():
-        usable = ~rays.meets_behind & (x * x + y * y < 100.0 * rays.path_length_m**2)
-    return np.where(usable, x, np.nan), np.where(usable, y, np.nan)
 
 
 def _leads_back(problem: TripletProblem, best: TargetFits, start: tuple[FloatArray, ...]) -> BoolArray:
