@@ -77,7 +77,8 @@ def solve(batch: TripletBatch, options: JointOptions) -> Solution:
     weighed = sum_measurements(common.direct)[:, None] > 0.0
     direct_probability = np.where(weighed, common.direct, np.nan)
     p_value = own_p_value * np.where(weighed, common.direct, 1.0)
-    ip = p_value < options.false_alarm
+    # A path without spare scalars has no p-value of its own: its membership alone decides.
+    ip = np.where(np.isnan(p_value), common.direct * weighed, p_value) < options.false_alarm
     inconsistent = own_p_value < options.false_alarm
     estimates, used = _estimates(batch.scene, problem, common, center, options.ambiguous_within)
     flags = Flags(

@@ -140,7 +140,8 @@ def test_without_elevations_a_path_is_not_judged():
     """Three scalars fit any target: no p-value, no flag, and no covariance of two mirror images."""
     batch, _ = draw_space_room(np.random.default_rng(7), 200, indirect=True)
     solution = chi2.solve(without(batch, "dod", "doa"), chi2.ConsistencyOptions())
-    assert np.isnan(solution.flags.columns["p_value"]).all() and not solution.flags.columns["ip"].any()
+    assert np.isnan(solution.flags.columns["p_value"]).all()
+    assert not solution.flags.columns["ip"].any()
     assert (solution.estimates.degrees_of_freedom == 0).all()
     assert np.isin(solution.estimates.status, [Status.AMBIGUOUS, Status.DEGENERATE]).all()
 

@@ -68,3 +68,30 @@ def without(batch, *names):
     return dataclasses.replace(
         batch, **{f"{name}_{part}": nothing for name in names for part in ("elevation_rad", "elevation_std_rad")}
     )
+
+
+def draw_joint_room(generator, snapshots, *, receivers=3, paths=4, degrees=1.0, length_std_m=0.1, blocked=0.0):
+    """Return a batch, its indirect paths (B, K), and targets (B, 3).
+
+    Each receiver resolves the ``paths`` shortest of the 49 paths over the target with at most one bounce off a wall,
+    the floor or the ceiling before it, and one behind it; a share ``blocked`` of the direct ones is missing.
+    """
+    tx, rx, target = (SIDES_M * generator.uniform(0.05, 0.95, (snapshots, count, 3)) for count in (1, receivers, 1))
+    images = np.repeat(target, 7, axis=1)
+    for wall in range(6):
+        axis, side = divmod(wall, 2)
+        images[:, wall + 1, axis] = 2.0 * side * SIDES_M[axis] - images[:, wall + 1, axis]
+    first, second = np.divmod(np.arange(49), 7)
+    node_tx = np.broadcast_to(tx[:, :, None], (snapshots, receivers, 49, 3))
+    node_rx = np.broadcast_to(rx[:, :, None], (snapshots, receivers, 49, 3))
+    values = predict(node_tx, node_rx, images[:, None, first], images[:, None, second])
+    length = values[2].copy()
+    length[..., 0] = np.where(generator.random((snapshots, receivers)) < blocked, np.inf, length[..., 0])
+    chosen = np.argsort(length, axis=2, kind="stable")[..., :paths]
+    values = np.take_along_axis(values, chosen[None], axis=3).reshape(5, snapshots, -1)
+    angle = np.radians(degrees)
+    stds = (angle, angle, length_std_m, angle, angle)
+    values = values + np.array(stds)[:, None, None] * generator.normal(size=values.shape)
+    count = receivers * paths
+    nodes = np.repeat(tx, count, axis=1), np.repeat(rx, paths, axis=1)
+    return space_batch(*nodes, values, stds), (chosen > 0).reshape(snapshots, -1), target[:, 0]

@@ -4,19 +4,21 @@ A path is direct with probability 1 - ``prior_indirect``. Its triplet is then no
 covariance S of its errors. A target of radius r scatters each path at a point of its own: with r^2 / 2 the variance of
 that point in x and in y, and J the Jacobian of the triplet by p, the covariance grows to S + r^2 / 2 J J^T.
 
-In space a direction is an azimuth and, where it is measured, an elevation; then the variance is r^2 / 3, and elevations
-are uniform over pi radians.
-
 Else a path is indirect: a detour, longer than the direct path by an exponential law. One that meets its other
 scatterers behind the target still departs towards the target, one that meets them before still arrives from it. In a
 third of the detours each, DOD or DOA is normal about what p predicts; all other angles are uniform. A share ``clutter``
 of the indirect paths is over something else, with uniform angles and any length.
+
+In space a direction is an azimuth and, where it is measured, an elevation, uniform over pi radians; the variance is
+r^2 / 3. A quarter of the detours each has the DOD, the DOA, or both azimuths about what p predicts: the last ones are
+over a floor or a ceiling.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 from scipy.special import log_ndtr
@@ -30,7 +32,7 @@ __all__ = ["PathDensity", "TargetModel", "log_unrelated", "path_density"]
 
 _LOG_TURN = math.log(2.0 * math.pi)
 _LOG_HALF_TURN = math.log(math.pi)
-_LOG_THIRD = -math.log(3.0)
+_LOG_THIRD, _LOG_QUARTER = -math.log(3.0), -math.log(4.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,21 +164,26 @@ def path_density(
     log_direct, chi_square, gradient, information = _direct((*dod.angles, *doa.angles, length), scatter)
     dod, doa, length = dod.scattered(scatter), doa.scattered(scatter), length.scattered(scatter)
     log_detour = _log_detour(length, scale_m)
-    log_detour += math.log(model.prior_indirect) + math.log1p(-model.clutter) + _LOG_THIRD - _LOG_TURN
+    in_space = len(point) == 3
+    kinds = _LOG_QUARTER if in_space else _LOG_THIRD
+    log_detour += math.log(model.prior_indirect) + math.log1p(-model.clutter) + kinds - _LOG_TURN
     heights = dod.log_heights + doa.log_heights
-    towards = (
+    towards = [
         (log_detour + dod.log_density - doa.log_heights, dod),
         (log_detour + doa.log_density - dod.log_heights, doa),
-    )
+    ]
+    if in_space:
+        level = _Direction((dod.angles[0], doa.angles[0]))
+        towards.append((log_detour + _LOG_TURN + level.log_density - heights, level))
     clutter = math.log(model.prior_indirect) + math.log(model.clutter) - 2.0 * _LOG_TURN
     neither = np.logaddexp(log_detour - _LOG_TURN, clutter - np.log(4.0 * scale_m)) - heights
     return PathDensity(
         math.log1p(-model.prior_indirect) + log_direct,
-        np.logaddexp(np.logaddexp(towards[0][0], towards[1][0]), neither),
+        reduce(np.logaddexp, [part for part, _ in towards] + [neither]),
         chi_square,
         gradient,
         information,
-        towards,
+        tuple(towards),
     )
 
 

@@ -56,6 +56,8 @@ class Walls:
                 continue
             with ignoring_invalid():
                 near = wall.is_near(position, covariance)
+            if len(point) == 3:
+                found |= wall.hides(position, self.center, problem, paths)
             rows = np.flatnonzero(near & ~found & paths.any(axis=1))
             if rows.size:
                 detours = _Detours(wall, rows_of(self.center, rows), problem.take(rows), paths[rows])
@@ -98,6 +100,27 @@ class _Wall:
             past = along - np.clip(along, 0.0, self.extent)
             near &= past * past <= _NEAR * _variance(covariance, self.tangents[0])
         return near
+
+    def hides(
+        self,
+        position: tuple[FloatArray, ...],
+        center: tuple[FloatArray, ...],
+        problem: TripletProblem,
+        paths: BoolArray,
+    ) -> BoolArray:
+        """Return whether targets (D arrays (B,)) are behind the wall for all nodes of their ``paths`` (B, K).
+
+        They then are the image of a target in front, by paths that the wall reflects twice.
+        """
+        apart = [part - own for part, own in zip(position, self.point, strict=True)]
+        gap, along = _along(self.normal, apart), _along(self.tangents[0], apart)
+        behind = np.asarray(paths.any(axis=1))
+        for node in (problem.tx, problem.rx):
+            offset = [
+                part + (own - base)[:, None] for part, own, base in zip(node.position, center, self.point, strict=True)
+            ]
+            behind &= (~paths | (_along(self.normal, offset) * gap[:, None] < 0.0)).all(axis=1)
+        return behind if self.extent is None else behind & (along >= 0.0) & (along <= self.extent)
 
 
 class _Detours:
