@@ -123,15 +123,6 @@ class SymmetricMatrix:
         """Return the matrices at an index, as in ``part[index]``: some rows, a column, a new axis."""
         return SymmetricMatrix(*(part[index] for part in self.parts))
 
-    def leading(self, dimension: int) -> SymmetricMatrix:
-        """Return the matrices of the first coordinates alone."""
-        return SymmetricMatrix(*self.parts[: dimension * (dimension + 1) // 2])
-
-    def extended(self, dimension: int) -> SymmetricMatrix:
-        """Return the matrices of more coordinates, zero in the further ones."""
-        further = dimension * (dimension + 1) // 2 - len(self.parts)
-        return SymmetricMatrix(*self.parts, *(np.zeros(self.xx.shape) for _ in range(further)))
-
     def take(self, rows: IntArray) -> SymmetricMatrix:
         """Return the matrices of some rows."""
         return self.at(rows)
@@ -248,12 +239,6 @@ class SymmetricMatrix:
         zero, one = np.zeros(self.xx.shape), np.ones(self.xx.shape)
         columns = [_solve_factored(factor, [one if i == j else zero for i in range(size)]) for j in range(size)]
         return SymmetricMatrix(*(columns[j][i] for i in range(size) for j in range(i + 1)))
-
-    def pulled_back(self, columns: Sequence[Sequence[FloatArray]]) -> SymmetricMatrix:
-        """Return ``J^T self J`` for Jacobians J, given by their columns as D arrays each."""
-        indices = range(self.dimension)
-        images = [[_add([self.entry(i, k) * column[k] for k in indices]) for i in indices] for column in columns]
-        return SymmetricMatrix(*(dot(columns[i], images[j]) for i in indices for j in range(i + 1)))
 
     def congruence(self, middle: SymmetricMatrix) -> SymmetricMatrix:
         """Return ``self @ middle @ self``, the sandwich of a covariance."""

@@ -51,8 +51,9 @@ def solve(batch: TripletBatch, options: ConsistencyOptions) -> Solution:
     """Flag the paths of a batch, each by itself.
 
     The fit of two coordinates to three measurements leaves a chi-square of one degree of freedom for a direct path,
-    wherever the target is and in every frame. The rays meet at the fit, so that the chi-square is at least the square
-    of the angle, in standard deviations, by which they miss each other.
+    wherever the target is and in every frame. In the plane the rays meet at the fit, so that the chi-square is at least
+    the square of the angle, in standard deviations, by which they miss each other. In space three coordinates and five
+    measurements leave two degrees of freedom, four measurements one; a path without elevations has no p-value.
     """
     rows = paths_of(batch)
     fits = fit_paths(rows)

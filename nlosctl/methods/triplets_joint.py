@@ -64,7 +64,8 @@ def solve(batch: TripletBatch, options: JointOptions) -> Solution:
 
     If all direct paths are blocked, detours over a target that is near a wall may meet at a point of the wall, and fit
     it as direct paths would. A target on a wall of the scene is ambiguous if its paths fit better as such detours.
-    Without the walls in the scene 3 % of the snapshots of a room without direct paths are ok.
+    Without the walls in the scene 3 % of the snapshots of a room without direct paths are ok. In space a target behind
+    a wall of the scene is ambiguous, too. Paths without elevations have no p-value: ``direct_probability`` flags them.
     """
     rows = paths_of(batch)
     fits = fit_paths(rows)

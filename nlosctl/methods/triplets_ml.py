@@ -91,5 +91,12 @@ METHOD = MethodSpec(
     cost="half the chi-square of the residuals",
     minimum_measurements=1,
     dimensions=(2, 3),
-    flags=("residual_dod_rad", "residual_doa_rad", "residual_m"),
+    flags=(
+        "residual_dod_rad",
+        "residual_doa_rad",
+        "residual_m",
+        "residual_dod_elevation_rad",
+        "residual_doa_elevation_rad",
+    ),
+    flags_needing={f"residual_{node}_elevation_rad": f"{node}_elevation_rad" for node in ("dod", "doa")},
 )

@@ -12,11 +12,14 @@ from nlosctl.arrays import FloatArray, ignoring_division, ignoring_invalid
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.geometry.angles import wrap_angle
 from nlosctl.geometry.blocks import sum_measurements
+from nlosctl.geometry.directions import Vector, cross, length, scaled, subtract
 from nlosctl.geometry.ellipses import nearest_on_ellipse
-from nlosctl.geometry.triplets import BaselineFrame, Quantity, SpaceFrame, TripletRays, baseline_frames, space_frames
+from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.geometry.triplets import BaselineFrame, Quantity, TripletRays, baseline_frames
 
 __all__ = [
     "PathRows",
+    "SpaceFrame",
     "SpacePaths",
     "distance_to_ellipse",
     "node_positions",
@@ -26,6 +29,41 @@ __all__ = [
 ]
 
 DTypeT = TypeVar("DTypeT", bound=np.generic)
+
+
+@dataclass(frozen=True)
+class SpaceFrame:
+    """The axes of the file about the midpoints ``center`` of baselines in space; all shapes alike, metres.
+
+    ``axes`` are right-handed unit vectors, the first along the baseline; that of +x where a baseline has no length.
+    """
+
+    center: Vector
+    axes: tuple[Vector, Vector, Vector]
+    length_m: FloatArray
+
+    def to_global(self, *point: FloatArray) -> tuple[FloatArray, ...]:
+        """Return points about the midpoints in global coordinates."""
+        return tuple(map(np.add, self.center, point))
+
+    def matrix_to_global(self, matrix: SymmetricMatrix) -> SymmetricMatrix:
+        """Return covariances in global axes: they are."""
+        return matrix
+
+
+def _space_frames(tx: Vector, rx: Vector) -> SpaceFrame:
+    """Return the frames of baselines from transmitters to receivers, three arrays each."""
+    along = subtract(rx, tx)
+    size = length(along)
+    apart = size > 0.0
+    inverse = 1.0 / np.where(apart, size, 1.0)
+    axis = (np.where(apart, along[0] * inverse, 1.0), along[1] * inverse, along[2] * inverse)
+    # The axis of the file that is farthest from the baseline's leads to the second.
+    steep = np.abs(axis[2]) > 0.7
+    second = cross((np.where(steep, 1.0, 0.0), np.zeros_like(size), np.where(steep, 0.0, 1.0)), axis)
+    second = scaled(second, 1.0 / length(second))
+    center = tuple(0.5 * (a + b) for a, b in zip(tx, rx, strict=True))
+    return SpaceFrame(center, (axis, second, cross(axis, second)), size)
 
 
 @dataclass(frozen=True)
@@ -91,7 +129,7 @@ def paths_of(batch: TripletBatch) -> PathRows | SpacePaths:
     if batch.dimension == 2:
         return path_rows(batch)
     single = _single_paths(batch)
-    frame = space_frames(*(tuple(part[:, 0] for part in node) for node in node_positions(single)))
+    frame = _space_frames(*(tuple(part[:, 0] for part in node) for node in node_positions(single)))
     return SpacePaths(frame=frame, shape=(batch.size, batch.measurements), batch=single)
 
 

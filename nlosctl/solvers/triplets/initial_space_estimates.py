@@ -17,7 +17,7 @@ from nlosctl.solvers.triplets.likelihood import TripletProblem
 __all__ = ["space_crossings", "space_starts", "space_suprema"]
 
 _GUESSES = (-0.7, 0.7)
-"""Elevations (radians) tried where there is none."""
+"""Elevations (radians) tried where a direction has only an azimuth."""
 
 _SECTIONS, _GOLDEN = 60, 0.5 * (np.sqrt(5.0) - 1.0)
 

@@ -15,7 +15,7 @@ from nlosctl.models.triplets import PathRows, SpacePaths, node_positions
 from nlosctl.solvers.optimization.problem import Evaluation
 from nlosctl.solvers.triplets.legs import Node, leg_to, length_residual
 
-__all__ = ["LEAST_SCALARS", "Height", "HeldTriplets", "PathSums", "TripletProblem"]
+__all__ = ["LEAST_SCALARS", "Height", "HeldTriplets", "PathSums", "TripletProblem", "level_part", "with_height"]
 
 
 LEAST_SCALARS = 3
@@ -35,7 +35,7 @@ class Height(RowBlock):
 
     @classmethod
     def of(cls, z_m: FloatArray, std_m: FloatArray) -> Height:
-        """Return heights (B,), NaN where there is none; all are held, or none."""
+        """Return heights (B,), NaN where nothing is known; all are held, or not one."""
         measured = np.isfinite(z_m) & (std_m > 0.0)
         inverse_std = np.where(measured, 1.0 / np.where(measured, std_m, 1.0), 0.0)
         return cls(np.nan_to_num(z_m), inverse_std, bool((std_m == 0.0).any()))
@@ -135,7 +135,7 @@ class TripletProblem(RowBlock):
     def covariance(self, *point: FloatArray) -> SymmetricMatrix:
         """Return the inverse Fisher information (B,) of targets; zero in z where that is held."""
         information = self.information(*point)
-        return information.inverse() if self.held is None else information.leading(2).inverse().extended(3)
+        return information.inverse() if self.held is None else with_height(level_part(information).inverse())
 
     def residuals(self, *point: FloatArray) -> dict[str, FloatArray]:
         """Return measured minus predicted angles (radians) and path length (metres), (B, K), at targets (B,).
@@ -207,6 +207,16 @@ def _elevations(
     return np.where(measured, elevation_rad, 0.0), np.where(measured, 1.0 / np.where(measured, std_rad, 1.0), 0.0)
 
 
+def level_part(matrix: SymmetricMatrix) -> SymmetricMatrix:
+    """Return the matrices of x and y alone."""
+    return SymmetricMatrix(*matrix.parts[:3])
+
+
+def with_height(matrix: SymmetricMatrix) -> SymmetricMatrix:
+    """Return matrices of x and y with a row of zeros for z."""
+    return SymmetricMatrix(*matrix.parts, *(np.zeros(matrix.xx.shape) for _ in range(3)))
+
+
 @dataclass(frozen=True)
 class HeldTriplets(RowBlock):
     """Triplets whose targets have exact heights, as a function of x and y (B,)."""
@@ -217,7 +227,7 @@ class HeldTriplets(RowBlock):
     def evaluate(self, x: FloatArray, y: FloatArray) -> Evaluation:
         """Return the evaluation at x, y: that in space, without z."""
         sums = self.space.sums(x, y, self.z_m)
-        gauss, bend = sums.gauss.leading(2), sums.bend.leading(2)
+        gauss, bend = level_part(sums.gauss), level_part(sums.bend)
         with ignoring_overflow():
             return Evaluation.of_newton(0.5 * sums.cost, sums.gradient[:2], gauss + bend, gauss)
 

@@ -67,8 +67,8 @@ class _SpheroidalProblem(RowBlock):
         with ignoring_overflow():
             columns, second = self._derivatives(w, p, q)
             sums = self.space.sums(*self.point(w, p, q))
-            gauss_newton = sums.gauss.pulled_back(columns)
-            bend = sums.bend.pulled_back(columns)
+            gauss_newton = _pull_back(sums.gauss, columns)
+            bend = _pull_back(sums.bend, columns)
             for part, derivative in zip(bend, second, strict=True):
                 part += dot(sums.gradient, derivative)
             gradient = tuple(dot(sums.gradient, column) for column in columns)
@@ -141,7 +141,7 @@ def space_path_covariance(
     with ignoring_overflow():
         by_w, by_p, by_q = problem.jacobian(w, zero, zero)
         # p, q, w: the last is the narrowest.
-        linear = space.information(*point).pulled_back((by_p, by_q, by_w)).inverse()
+        linear = _pull_back(space.information(*point), (by_p, by_q, by_w)).inverse()
         factor = linear.cholesky()
         mass_sum, moments = zero.copy(), SymmetricMatrix.full(w.shape, 0.0, 3)
         nodes = [list(zip(*quadrature_nodes(count), strict=True)) for count in _NODES]
@@ -159,3 +159,9 @@ def space_path_covariance(
                     mass_sum += mass
                     moments += SymmetricMatrix.outer(*(a - b for a, b in zip(at, point, strict=True)), weight=mass)
         return moments * (1.0 / mass_sum)
+
+
+def _pull_back(matrix: SymmetricMatrix, columns: tuple[Vector, ...]) -> SymmetricMatrix:
+    """Return J^T matrix J for Jacobians J, given by their columns."""
+    images = [[dot([matrix.entry(i, k) for k in range(3)], column) for i in range(3)] for column in columns]
+    return SymmetricMatrix(*(dot(columns[i], images[j]) for i in range(3) for j in range(i + 1)))

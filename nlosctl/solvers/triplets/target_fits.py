@@ -10,13 +10,12 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_invalid, ignoring_overflow
 from nlosctl.geometry.blocks import rows_of
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.geometry.triplets import SpaceFrame
-from nlosctl.models.triplets import PathRows, SpacePaths
+from nlosctl.models.triplets import PathRows, SpaceFrame, SpacePaths
 from nlosctl.solvers.optimization.levenberg_marquardt import Minimum, minimize
 from nlosctl.solvers.triplets.elliptic_coordinates import minimize_paths
 from nlosctl.solvers.triplets.initial_estimates import plane_crossings, plane_starts, plane_suprema
 from nlosctl.solvers.triplets.initial_space_estimates import space_crossings, space_starts, space_suprema
-from nlosctl.solvers.triplets.likelihood import HeldTriplets, TripletProblem
+from nlosctl.solvers.triplets.likelihood import HeldTriplets, TripletProblem, with_height
 from nlosctl.solvers.triplets.spheroidal_coordinates import minimize_space_paths
 
 __all__ = ["TargetFits", "fit_paths", "fit_snapshots"]
@@ -142,7 +141,7 @@ def _descend(problem: TripletProblem, max_iterations: int) -> Callable[..., Mini
             return minimize(some, *start, max_iterations=max_iterations, patience=max_iterations)
         level = HeldTriplets(some, some.held.z_m)
         found = minimize(level, *start[:2], max_iterations=max_iterations, patience=max_iterations)
-        return found._replace(point=(*found.point, some.held.z_m), hessian=found.hessian.extended(3))
+        return found._replace(point=(*found.point, some.held.z_m), hessian=with_height(found.hessian))
 
     return descend
 

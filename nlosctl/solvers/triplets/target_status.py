@@ -10,11 +10,10 @@ from nlosctl.arrays import BoolArray, FloatArray, ScalarT, StatusArray, ignoring
 from nlosctl.contract.results import Estimates
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.symmetric import SymmetricMatrix, dot
-from nlosctl.geometry.triplets import SpaceFrame
-from nlosctl.models.triplets import PathRows, SpacePaths
+from nlosctl.models.triplets import PathRows, SpaceFrame, SpacePaths
 from nlosctl.solvers.triplets.elliptic_coordinates import path_covariance
 from nlosctl.solvers.triplets.legs import Node
-from nlosctl.solvers.triplets.likelihood import TripletProblem
+from nlosctl.solvers.triplets.likelihood import TripletProblem, level_part
 from nlosctl.solvers.triplets.spheroidal_coordinates import space_path_covariance
 from nlosctl.solvers.triplets.target_fits import TargetFits
 
@@ -47,7 +46,7 @@ def judge_targets(
                 nearest, farthest = np.minimum(nearest, squared), np.maximum(farthest, squared)
                 if len(point) == 3:
                     vertical |= _is_vertical(node, k, apart, covariance)
-        leading = covariance if problem.held is None else covariance.leading(2)
+        leading = covariance if problem.held is None else level_part(covariance)
         uncertain = ~(covariance.trace <= farthest) | ~(leading.determinant > 0.0) | vertical
         on_node = nearest < _RELATIVE_MINIMUM_RANGE**2 * farthest
     status = np.full(shape, Status.OK, dtype=np.uint8)
@@ -89,7 +88,7 @@ def mark_ambiguous(fits: TargetFits, status: StatusArray, ambiguous_within: floa
 
 
 def _is_near_node(problem: TripletProblem, point: tuple[FloatArray, ...]) -> BoolArray:
-    """Return which targets (N,) of single paths are so near to a node that the path length cannot tell them apart.
+    """Return which targets (N,) of single paths are so near to a node that the path length cannot separate them.
 
     The angle measured at that node is then worth little, and the linearized covariance as much as it is near.
     """
