@@ -47,6 +47,27 @@ def test_coplanar_sensors_have_two_answers(method: MethodSpec) -> None:
     np.testing.assert_allclose(found, [SOURCE[0], [7.0, 5.0, 4.5]], atol=1e-7)
 
 
+def test_the_lower_image_is_first(method: MethodSpec) -> None:
+    """Of mirror images in a ceiling the one under it is the first, whatever the order of the rows."""
+    for order in ([0, 1, 2], [2, 0, 1], [1, 2, 0]):
+        sensors = CEILING[order]
+        estimates = solve(method, sphere_batch(sensors, distances(sensors, SOURCE))).estimates
+        np.testing.assert_allclose(estimates.position_m[0], SOURCE[0], atol=1e-7)
+
+
+def test_unknown_standard_deviations(method: MethodSpec) -> None:
+    """Unknown std scale the covariance in space; with a measured height, whose std is stated, they are an error."""
+    ranges = distances(BOX, SOURCE) + 0.2 * np.random.default_rng(6).normal(size=(1, 5))
+    stated = solve(method, sphere_batch(BOX, ranges, 1.0)).estimates
+    unknown = solve(method, sphere_batch(BOX, ranges, 1.0, std="unknown")).estimates
+    factor = unknown.columns["std_factor"][0]
+    assert unknown.columns["std_dof"][0] == 2
+    np.testing.assert_allclose(unknown.position_m[0], stated.position_m[0], atol=1e-6)
+    np.testing.assert_allclose(unknown.covariance_m2[0], factor**2 * stated.covariance_m2[0], rtol=1e-6)
+    with pytest.raises(UsageError, match="target_z_std_m"):
+        solve(method, sphere_batch(BOX, ranges, 1.0, 1.5, 0.3, std="unknown"))
+
+
 def test_a_tilted_plane_of_sensors_has_the_image_in_it(method: MethodSpec) -> None:
     """Four sensors in a tilted plane see the source and its image in that plane."""
     normal = np.array([0.6, 0.0, 0.8])

@@ -8,6 +8,7 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignorin
 from nlosctl.contract.batches import ArrivalBatch, RangeBatch
 from nlosctl.contract.results import Flags, Solution
 from nlosctl.contract.statuses import Status
+from nlosctl.errors import UsageError
 from nlosctl.geometry.blocks import max_measurements, sum_measurements
 from nlosctl.models.arrivals import ArrivalRows
 from nlosctl.models.ranges.circles import RangeCircles
@@ -77,7 +78,15 @@ def with_covariances(
 def estimate_factors(
     rows: Rows, one: End, other: End, infeasible_nats: float, *, at_optimum: bool = True
 ) -> StdFactors:
-    """Return the factors of unknown std by the residuals of the better optimum; arguments of `finish_range_fix`."""
+    """Return the factors of unknown std by the residuals of the better optimum; arguments of `finish_range_fix`.
+
+    UsageError with a measured height, whose standard deviation is stated: a single factor would scale that too.
+    """
+    if rows.level is not None:
+        raise UsageError(
+            "A measured height with a standard deviation needs stated standard deviations of the other measurements; "
+            "state them, or set `target_z_std_m` to 0 for an exact height."
+        )
     degrees = rows.degrees_of_freedom
     swap = _second_is_better(rows, one, other, infeasible_nats, degrees)
     point = _where(swap, other.point, one.point)

@@ -13,6 +13,9 @@ from nlosctl.solvers.ranges.squared_ranges import SquaredRangeFit, fit_squared_r
 
 __all__ = ["find_space_optima"]
 
+_EQUAL = 1e-9
+"""Costs that differ by a smaller share are equal."""
+
 
 def find_space_optima(
     problem: Problem, rows: RangeSpheres, fit: SquaredRangeFit, max_iterations: int
@@ -21,7 +24,8 @@ def find_space_optima(
 
     The descents start from the squared-range fit and its mirror image in the plane that fits the sensors best (where
     they coincide, from points beside it, since on the plane no derivative leads away from it), and with a measured
-    height from the fits of the circles at that height.
+    height from the fits of the circles at that height. Of mirror images, whose costs are equal, the lower is the first:
+    that under a ceiling.
     """
     starts = [*_images(rows, fit)]
     if rows.level is not None:
@@ -29,7 +33,21 @@ def find_space_optima(
         squared = rows.range_m * rows.range_m - (rows.sensor[2] - height[:, None]) ** 2
         flat = fit_squared_ranges(rows.sensor[:2], squared, 1.0 / (rows.std_m * rows.std_m))
         starts += [(*flat.point, height), (*flat.mirror, height)]
-    return find_best_two(problem, rows, starts, max_iterations)
+    one, other = find_best_two(problem, rows, starts, max_iterations)
+    return _lower_first(one, other)
+
+
+def _lower_first(one: End, other: End) -> tuple[End, End]:
+    """Return two optima (B,), the lower one first where their costs are equal up to rounding: mirror images."""
+    with ignoring_invalid():
+        equal = np.abs(one.cost - other.cost) <= _EQUAL * (1.0 + one.cost)
+        equal &= one.converged & other.converged
+    rows = np.flatnonzero(equal & (one.point[2] > other.point[2]))
+    first, second = one.take(rows), other.take(rows)
+    one.put(rows, second)
+    other.put(rows, first)
+    other.cost[equal] = one.cost[equal]  # so that rounding does not choose later
+    return one, other
 
 
 def _images(rows: RangeSpheres, fit: SquaredRangeFit) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
