@@ -79,7 +79,9 @@ def _scales() -> dict[str, tuple[str, float]]:
     scales = {}
     for column in (column for table in KINDS.values() for column in table.all_columns if column.constant_allowed):
         scales[column.name] = (column.name, 1.0)
-        scales.update({spelling.name: (column.name, spelling.scale) for spelling in column.spellings})
+        for spelling in column.spellings:
+            by_speed = (column.name.replace("_std_m", "_std_s"), spelling.seconds)
+            scales[spelling.name] = by_speed if spelling.seconds else (column.name, spelling.scale)
     return scales
 
 

@@ -41,6 +41,8 @@ class Batch:
     ``STDS`` names the arrays of standard deviations, ``SOURCES`` the input columns of each array, ``SPACE_SOURCES``
     those that only batches in space have, ``ABSENT`` the value that fills an array if the input lacks its columns; an
     array that is not in ``ABSENT`` is None then. ``OPTIONAL_SOURCES`` are further ones, which few files have.
+    ``EXACT`` names, for an array, the column with the rest of its values beyond floating-point numbers and the array of
+    the origins (B,) that are subtracted.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
@@ -48,6 +50,7 @@ class Batch:
     SPACE_SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     ABSENT: ClassVar[Mapping[str, float]] = {}
     STDS: ClassVar[tuple[str, ...]] = ()
+    EXACT: ClassVar[Mapping[str, tuple[str, str]]] = {}
 
     scene: Scene = dataclasses.field(default_factory=Scene)
     field: Field = dataclasses.field(default_factory=SensorsField)
@@ -191,6 +194,7 @@ class ArrivalBatch(Batch):
     }
     SPACE_SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {"sensor_z_m": ("sensor_z_m",)}
     STDS: ClassVar[tuple[str, ...]] = ("arrival_std_m",)
+    EXACT: ClassVar[Mapping[str, tuple[str, str]]] = {"arrival_m": ("arrival_rest_m", "origin_m")}
 
     sensor: IntArray
     sensor_xy_m: FloatArray
@@ -258,7 +262,12 @@ class TripletBatch(Batch):
         return int(self.dod_rad.shape[1])
 
 
-_CLASSES: dict[str, type[Any]] = {"bearings": BearingBatch, "ranges": RangeBatch, "triplets": TripletBatch}
+_CLASSES: dict[str, type[Any]] = {
+    "bearings": BearingBatch,
+    "ranges": RangeBatch,
+    "triplets": TripletBatch,
+    "arrivals": ArrivalBatch,
+}
 
 
 def batch_class(kind: str) -> type[Any]:

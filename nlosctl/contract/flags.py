@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from nlosctl.errors import UsageError
-
-__all__ = ["Flag", "option", "std_flag", "with_flags"]
-
-_STD_UNITS = {"deg": ("degrees", math.radians(1.0)), "m": ("metres", 1.0), "ns": ("nanoseconds", 299_792_458.0 * 1e-9)}
-
+__all__ = ["Flag", "option", "with_flags"]
 
 @dataclass(frozen=True, kw_only=True)
 class Flag:
@@ -47,18 +41,3 @@ def with_flags(default: Any, *flags: Flag) -> Any:
     if isinstance(default, dict):
         return field(default_factory=dict, metadata={"flags": flags})
     return field(default=default, metadata={"flags": flags})
-
-
-def std_flag(name: str, column: str, what: str, commands: str) -> Flag:
-    """Return the flag ``name`` of a constant standard deviation, in degrees, metres or nanoseconds of light."""
-    unit, scale = _STD_UNITS[name.rpartition("-")[2]]
-    setting = name.removeprefix("--").replace("-", "_")
-
-    def parse(value: float) -> float:
-        if not 0.0 < value < math.inf:
-            raise UsageError(f"`{setting}` must be a finite number larger than 0. Got {value:g} instead.")
-        return value * scale
-
-    help = f"Standard deviation of every {what} in {unit}, if not a column."
-    metavar = name.rpartition("-")[2].upper()
-    return Flag(name=name, panel="Input", help=help, commands=commands, metavar=metavar, parse=parse, key=column)

@@ -10,7 +10,7 @@ from nlosctl.arrays import FloatArray
 from nlosctl.contract.learning import Learning
 from nlosctl.contract.results import Solution
 from nlosctl.contract.scene import Scene
-from nlosctl.contract.tables import FLAGS
+from nlosctl.contract.tables import ESTIMATES, FLAGS
 
 __all__ = [
     "CONTRACT_VERSION",
@@ -116,10 +116,13 @@ class MethodSpec:
             and (name not in needs or needs[name] in given)
         )
 
-    def all_estimate_columns(self, options: Any) -> tuple[str, ...]:
-        """Return the optional columns of the estimates that it fills under ``options``."""
+    def all_estimate_columns(self, options: Any, dimension: int = 2) -> tuple[str, ...]:
+        """Return the optional columns of the estimates that it fills under ``options`` in this dimension."""
         further = () if self.estimate_columns_with is None else self.estimate_columns_with(options)
-        return (*self.estimate_columns, *further)
+        of_space = {column.name for column in ESTIMATES.columns if column.of_space}
+        return tuple(
+            name for name in (*self.estimate_columns, *further) if dimension == 3 or name not in of_space
+        )
 
     @property
     def full_name(self) -> str:

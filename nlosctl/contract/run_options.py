@@ -14,9 +14,11 @@ from functools import partial
 from typing import Any
 
 from nlosctl.contract.fields import Field, SensorsField, parse_field
-from nlosctl.contract.flags import Flag, option, std_flag, with_flags
+from nlosctl.contract.flags import Flag, option, with_flags
 from nlosctl.contract.limits import size
 from nlosctl.contract.scene import EarthFrame, Scene, parse_frame
+from nlosctl.contract.std_flags import STD_FLAGS, parse_speed, std_in_metres
+from nlosctl.contract.tables.shared import LIGHT_M_S
 from nlosctl.contract.windows import KEEPS, parse_window
 from nlosctl.errors import UsageError, did_you_mean
 
@@ -28,7 +30,6 @@ PANELS = ("Input", "Geometry", "Method", "Output", "Run", "Messages")
 _SOLVE = "localize detect-ip identify-los"
 _READ = f"{_SOLVE} bound validate"
 _MEASUREMENTS = f"{_READ} plot convert describe"
-_CONSTANT = "localize validate plot convert describe"
 _WRITE = f"{_SOLVE} bound evaluate simulate convert"
 _NOISES = ("gaussian", "laplace")
 _ENGINES = ("local", "dask")
@@ -57,7 +58,8 @@ class InputOptions:
     measurement, by name or prefix (``sweep_*``); None keeps all. Columns that are not kept are not read. ``wide``,
     ``missing``, ``where`` and ``declination_deg`` change the rows before all else: `nlosctl.io.row_steps`.
     ``missing_std`` is what becomes of required standard deviations that are missing: ``error``, ``estimable`` (an error
-    that names the setting ``estimate_std``) or ``unit`` (1 in every row). ``window`` makes snapshots of times, see
+    that names the setting ``estimate_std``) or ``unit`` (1 in every row). ``speed_m_s`` makes lengths of arrival times,
+    also of the constant ``arrival_std_s``, which becomes ``arrival_std_m``. ``window`` makes snapshots of times, see
     `nlosctl.io.measurements.windows`.
     """
 
@@ -65,7 +67,7 @@ class InputOptions:
         None, "--input-format", "Input", "Input format; default: detected from the name or contents.",
         f"{_MEASUREMENTS} evaluate", metavar="FORMAT", complete="format")
     kind: str | None = option(
-        None, "--kind", "Input", "Kind: bearings, ranges or triplets; default: detected from the columns.",
+        None, "--kind", "Input", "Kind: bearings, ranges, arrivals or triplets; default: detected from the columns.",
         "localize bound validate plot describe", metavar="KIND", complete="kind")
     dimensions: int | None = option(
         None, "--dimensions", "Input", "Dimensions, 2 or 3; default: 3 with elevations, stds and sensor heights.",
@@ -73,18 +75,7 @@ class InputOptions:
     columns: Mapping[str, str] = option(
         {}, "--column", "Input", "Read column HEADER of the file as NAME. Repeatable.",
         f"{_READ} plot describe", metavar="NAME=HEADER", complete="column")
-    constants: Mapping[str, float] = with_flags(
-        {},
-        std_flag("--bearing-std-deg", "bearing_std_rad", "bearing", f"bound {_CONSTANT}"),
-        std_flag("--elevation-std-deg", "elevation_std_rad", "elevation", f"bound {_CONSTANT}"),
-        std_flag("--direction-std-deg", "direction_std_rad", "direction, across the ray,", f"bound {_CONSTANT}"),
-        std_flag("--range-std-m", "range_std_m", "range", f"identify-los bound {_CONSTANT}"),
-        std_flag("--dod-std-deg", "dod_std_rad", "departure direction", f"detect-ip {_CONSTANT}"),
-        std_flag("--doa-std-deg", "doa_std_rad", "arrival direction", f"detect-ip {_CONSTANT}"),
-        std_flag("--dod-elevation-std-deg", "dod_elevation_std_rad", "departure elevation", f"detect-ip {_CONSTANT}"),
-        std_flag("--doa-elevation-std-deg", "doa_elevation_std_rad", "arrival elevation", f"detect-ip {_CONSTANT}"),
-        std_flag("--toa-std-ns", "path_length_std_m", "delay", f"detect-ip {_CONSTANT}"),
-        std_flag("--path-length-std-m", "path_length_std_m", "path length", f"detect-ip {_CONSTANT}"))
+    constants: Mapping[str, float] = with_flags({}, *STD_FLAGS)
     all_rows: bool = option(
         False, "--all-rows", "Input", "Also use rows flagged by an earlier step (los false, ip true).",
         f"{_SOLVE} bound")
@@ -107,6 +98,9 @@ class InputOptions:
     declination_deg: float | str | None = option(
         None, "--declination-deg", "Input", "Magnetic declination (degrees or column) to add to azimuths.",
         _MEASUREMENTS, metavar="DEG")
+    speed_m_s: float = option(
+        LIGHT_M_S, "--speed-m-s", "Input", "Speed of the wave of arrival times: light, sound (343) or a number in m/s.",
+        _MEASUREMENTS, metavar="SPEED", parse=parse_speed, text="light")
     window: str | None = option(
         None, "--window", "Input", "Snapshots from times: a width such as 2s or 500ms, auto or all.",
         _MEASUREMENTS, metavar="WIDTH")
@@ -140,6 +134,10 @@ class InputOptions:
     def __post_init__(self) -> None:
         if self.window is not None:
             parse_window(self.window)
+        if not 0.0 < self.speed_m_s < math.inf:
+            raise UsageError(f"`speed_m_s` must be a finite number larger than 0. Got {self.speed_m_s:g} instead.")
+        for name in ("constants", "default_constants"):
+            object.__setattr__(self, name, std_in_metres(getattr(self, name), self.speed_m_s))
         if self.dimensions not in (None, 2, 3):
             raise UsageError(f"`dimensions` must be 2 or 3. Got {self.dimensions!r} instead.")
         if self.window_keep not in KEEPS:

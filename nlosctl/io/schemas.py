@@ -14,7 +14,14 @@ __all__ = ["schema_text", "table_schema", "write_schemas"]
 _LEAST_SPELLED = 5e-324
 """The smallest number above 0, for other units: validators do not read ``exclusiveMinimum``."""
 
-_TYPES = {"number": "number", "integer": "integer", "boolean": "boolean", "text": "string", "identifier": "any"}
+_TYPES = {
+    "number": "number",
+    "exact": "number",
+    "integer": "integer",
+    "boolean": "boolean",
+    "text": "string",
+    "identifier": "any",
+}
 
 
 def table_schema(table: Table) -> dict[str, Any]:

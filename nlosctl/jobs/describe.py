@@ -37,9 +37,10 @@ _IN_DEGREES = re.compile(r"column '(\w+_rad)'.*they seem to be degrees")
 _STDS = {
     "bearings": {"bearing_std_rad": 0.034906585039886591},
     "ranges": {"range_std_m": 1.0},
+    "arrivals": {"arrival_std_m": 1.0},
     "triplets": {"dod_std_rad": 0.017453292519943295, "doa_std_rad": 0.017453292519943295, "path_length_std_m": 1.0},
 }
-"""Standard deviations for a file that states none: 2 degrees, 1 m; of triplets 1 degree and 1 m."""
+"""Standard deviations for a file that states none: 2 degrees, 1 m, 1 m; of triplets 1 degree and 1 m."""
 
 
 def describe(

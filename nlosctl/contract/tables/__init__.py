@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from functools import cache
 
+from nlosctl.contract.tables.arrivals import ARRIVALS
 from nlosctl.contract.tables.bearings_ranges import BEARINGS, RANGES
 from nlosctl.contract.tables.bound import BOUND
 from nlosctl.contract.tables.columns import SWEEP_PREFIX, Column, ColumnType, Spelling, Table, is_swept
@@ -17,6 +18,7 @@ from nlosctl.contract.tables.triplets import TRIPLETS
 
 __all__ = [
     "ADDED_COLUMNS",
+    "ARRIVALS",
     "BEARINGS",
     "BOUND",
     "EARTH_PLACES",
@@ -44,7 +46,7 @@ __all__ = [
     "result_table",
 ]
 
-KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS, RANGES, TRIPLETS)}
+KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS, RANGES, TRIPLETS, ARRIVALS)}
 """The tables of measurements by their kind."""
 
 TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS, TRACE, BOUND, SCORES, TRUTH)}}

@@ -19,7 +19,7 @@ from nlosctl.contract.tables.shared import (
 )
 from nlosctl.contract.tables.space import TARGET_HEIGHT, TRUTH_HEIGHT, elevation, sensor_height
 
-__all__ = ["BEARINGS", "RANGES"]
+__all__ = ["BEARINGS", "RANGES", "SENSOR", "TRUTH_PATH"]
 
 
 _ZEROS = (
@@ -30,7 +30,7 @@ _ZEROS = (
 )
 _RELATIVE = "relative_bearing"
 
-_TRUTH = (
+TRUTH_PATH = (
     *TRUTH_POSITION,
     Column(
         name="truth_los",
@@ -41,7 +41,7 @@ _TRUTH = (
     ),
 )
 
-_SENSOR = (
+SENSOR = (
     Column(
         name="sensor",
         type="identifier",
@@ -163,7 +163,7 @@ BEARINGS = Table(
     times=TIMES,
     columns=(
         SNAPSHOT,
-        *_SENSOR,
+        *SENSOR,
         Column(
             name="bearing_rad",
             type="number",
@@ -194,7 +194,7 @@ BEARINGS = Table(
         _PRIOR_STD,
         *_PRIOR_COVARIANCE,
         *on_earth("prior", "prior position of the source"),
-        *_TRUTH,
+        *TRUTH_PATH,
         *EARLIER_FLAGS,
         *headings("", _RELATIVE, "the sensor"),
         *_VECTOR,
@@ -224,7 +224,7 @@ RANGES = Table(
     times=TIMES,
     columns=(
         SNAPSHOT,
-        *_SENSOR,
+        *SENSOR,
         *(dataclasses.replace(column, required=True, nullable=False) for column in _RANGE),
         Column(
             name="sensor_z_m",
@@ -236,7 +236,7 @@ RANGES = Table(
         ),
         TARGET_HEIGHT[0],
         *_PATH,
-        *_TRUTH,
+        *TRUTH_PATH,
         Column(
             name="truth_target",
             type="integer",

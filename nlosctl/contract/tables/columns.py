@@ -22,8 +22,8 @@ def is_swept(name: str) -> bool:
     return name.startswith(SWEEP_PREFIX) and name.lower() not in _OF_RADARS
 
 
-ColumnType = Literal["number", "integer", "boolean", "text", "identifier"]
-"""``identifier`` is text or an integer, as in the file."""
+ColumnType = Literal["number", "exact", "integer", "boolean", "text", "identifier"]
+"""``identifier`` is text or an integer, as in the file; ``exact`` numbers are 64-bit integers if all of a file are."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +34,7 @@ class Spelling:
     compass shows, to which a declination can be added. ``meaning`` completes "as ...".
     Messages on a missing column list the ``usual`` spellings only. ``is_relative`` marks a direction from the heading
     of its sensor. An ``is_recent`` spelling is ignored beside another one: it once was a column without meaning.
+    ``seconds`` is the unit of a time of arrival: its ``scale`` is that of light, and proportional to the speed.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Spelling:
     is_compass: bool = False
     is_relative: bool = False
     is_recent: bool = False
+    seconds: float = 0.0
     meaning: str = ""
     usual: bool = True
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from nlosctl.contract.tables.arrivals import OFFSET
 from nlosctl.contract.tables.columns import Column, Table
 from nlosctl.contract.tables.shared import TRUTH_POSITION
 from nlosctl.contract.tables.space import TRUTH_HEIGHT
@@ -134,6 +135,7 @@ ESTIMATES = Table(
             nullable=True,
             meaning="degrees of freedom of std_factor: error ellipses are those of the F distribution with it",
         ),
+        *OFFSET,
         Column(name="lat_deg", type="number", unit="deg", nullable=True, meaning="latitude of x, y (WGS 84)"),
         Column(name="lon_deg", type="number", unit="deg", nullable=True, meaning="longitude of x, y (WGS 84)"),
         Column(
@@ -184,7 +186,7 @@ FLAGS = Table(
             type="number",
             unit="m",
             nullable=True,
-            meaning="range, measured minus predicted at the estimate",
+            meaning="range or arrival, measured minus predicted at the estimate",
         ),
         Column(
             name="target", type="integer", nullable=True, meaning="target that the row is assigned to, numbered from 0"

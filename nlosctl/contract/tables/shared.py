@@ -12,6 +12,7 @@ __all__ = [
     "DEGREE",
     "EARLIER_FLAGS",
     "EARTH_PLACES",
+    "LIGHT_M_S",
     "SNAPSHOT",
     "TIMES",
     "TRUTH_POSITION",
@@ -24,6 +25,9 @@ __all__ = [
 
 EARTH_PLACES = ("sensor", "truth", "prior", "tx", "rx")
 """Locations whose ``_x_m`` and ``_y_m`` may be replaced by ``_lat_deg`` and ``_lon_deg`` (WGS 84)."""
+
+LIGHT_M_S = 299_792_458.0
+"""The speed of light in vacuum, metres per second."""
 
 DEGREE = math.pi / 180.0
 """One degree in radians."""

@@ -8,6 +8,7 @@ import math
 from nlosctl.contract.tables.columns import Column, Spelling, Table
 from nlosctl.contract.tables.shared import (
     EARLIER_FLAGS,
+    LIGHT_M_S,
     SNAPSHOT,
     TIMES,
     TRUTH_POSITION,
@@ -20,8 +21,6 @@ from nlosctl.contract.tables.shared import (
 from nlosctl.contract.tables.space import TARGET_HEIGHT, TRUTH_HEIGHT, elevation, node_height
 
 __all__ = ["TRIPLETS"]
-
-_SPEED_OF_LIGHT_M_S = 299_792_458.0
 
 
 def _node(name: str, meaning: str) -> tuple[Column, ...]:
@@ -99,7 +98,7 @@ def _times(name: str) -> tuple[Spelling, ...]:
     return tuple(
         Spelling(
             name=f"{name}_{unit}",
-            scale=_SPEED_OF_LIGHT_M_S * scale,
+            scale=LIGHT_M_S * scale,
             usual=unit in ("s", "ns"),
             is_recent=unit not in ("s", "ns"),
         )

@@ -17,6 +17,7 @@ from nlosctl.contract.tables import Column
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.bad_rows import log_bad_rows
 from nlosctl.io.measurements.column_mapping import NULL_CODE, SNAPSHOT, NameCodes
+from nlosctl.io.measurements.exact_numbers import REST, exact_numbers
 from nlosctl.io.measurements.row_checks import TICKS, Fault, ReadReport, RowTally, ValueChecks, is_null, null_mask
 from nlosctl.io.measurements.row_consistency import half_filled_faults, indefinite_faults, missing_std_faults
 from nlosctl.io.measurements.scene_columns import SceneColumns, from_north
@@ -223,6 +224,10 @@ class RowConverter:
         for column in self._plan.table.columns:
             if column.carried or column.name == SNAPSHOT:
                 continue
+            if column.type == "exact":
+                mapped_here = mapped[column.name]
+                columns[column.name], columns[REST] = exact_numbers(mapped_here, batch.column(mapped_here.name), faults)
+                continue
             values = self._column(column, batch, columns, faults)
             if values is not None:
                 columns[column.name] = values
@@ -244,6 +249,10 @@ class RowConverter:
             from nlosctl.io.measurements.dimensions import complete_directions
 
             complete_directions(self._plan, columns, faults)
+        if REST in columns:
+            from nlosctl.io.measurements.references import check_arrivals
+
+            check_arrivals(self._plan, self._scene_columns, batch, columns, faults)
         if self._plan.relative:
             self._scene_columns.add_headings(self._file, batch, columns, faults)
         if {"bearing_rad", "range_m", "range_std_m"} <= mapped.keys():
@@ -271,7 +280,8 @@ class RowConverter:
         if column.names_reflector:
             return self._scene_columns.reflectors(mapped, cells, faults)
         if column.type in ("identifier", "text"):
-            codes = self._names.setdefault(column.name, NameCodes()).encode(cells)
+            owner = "sensor" if column.name == "reference" else column.name
+            codes = self._names.setdefault(owner, NameCodes()).encode(cells)
             if not column.nullable and (codes == NULL_CODE).any():
                 faults.append(Fault(mask=codes == NULL_CODE, column=mapped.name, describe=is_null("a name")))
             return codes

@@ -106,6 +106,11 @@ class SceneColumns:
             faults.append(Fault(mask=unknown, column=name, describe=self._unknown_sensor(cells)))
         return filled
 
+    def places_of(self, sensor: IntArray, done: Columns) -> FloatArray:
+        """Return the positions (3, N) in the scene of sensors with the codes ``sensor`` (N,), NaN for unknown ones."""
+        places: FloatArray = self._axes_m[:, self._entries(self._sensor_numbers(sensor), done)]
+        return places
+
     def heights(self, done: Columns) -> FloatArray | None:
         """Return the heights (N,) of the scene's sensors, NaN for others; None if the scene has no heights."""
         if not self._scene.has_heights:

@@ -81,8 +81,12 @@ class CsvReader:
             self._blocks = self._records.blocks()
             block = next(self._blocks, None)
             self._first = None if block is None else self._parse(block, self._kept)
+            exact = [name for name in self._kept if types.get(name) == "exact"]
             unknown = [name for name in self._kept if name not in types]
-            self._types = {**types, **self._survey(unknown)}
+            self._types = {**types, **self._survey([*unknown, *exact])}
+            self._guessed -= set(exact)
+            for name in exact:
+                self._types[name] = self._exact_type(name)
         self._named = {name for name, kind in types.items() if kind in ("text", "identifier")}
         for name in self._kept:
             if self._first is None:
@@ -93,7 +97,9 @@ class CsvReader:
                 if self._types[name] == "integer":
                     self._hints[name] = f" as in the first {self._first.table.num_rows} rows"
             elif name in types:
-                refuse_wrong_column(cells, types[name], self._part.name, name, self.accepted_texts)
+                if types[name] == "exact" and self._types[name] == "integer" and not self._records.at_end:
+                    self._hints[name] = f" as in the first {self._first.table.num_rows} rows"
+                refuse_wrong_column(cells, self._types[name], self._part.name, name, self.accepted_texts)
         return pa.schema([(name, arrow_type_of(self._types[name])) for name in self._kept])
 
     def _survey(self, unknown: Sequence[str]) -> dict[str, ColumnType]:
@@ -114,6 +120,15 @@ class CsvReader:
                         break
                     _widen(types, self._parse(block, undecided).table)
         return {name: kind or declared_type(name) or "text" for name, kind in types.items()}
+
+    def _exact_type(self, name: str) -> ColumnType:
+        """Return integer for a column that the survey found to be of integers, or of integers and wrong cells."""
+        if self._types[name] != "text" or self._first is None:
+            return "integer" if self._types[name] == "integer" else "number"
+        cells, _ = decode_utf8(_one_chunk(self._first.table.column(name)), name)
+        numbers, _ = convert_text(cells, "number", name)
+        integers, _ = convert_text(cells, "integer", name)
+        return "integer" if integers.null_count == numbers.null_count < len(cells) else "number"
 
     def _parse(self, block: CsvBlock, columns: list[str]) -> _Parsed:
         bad: list[tuple[int, str, str]] = []

@@ -45,6 +45,10 @@ class NameSurvey:
             return "identifier"
         return "integer" if self._in_int64 else "text"
 
+    def exact_type(self) -> ColumnType:
+        """Return integer if all numbers are 64-bit integers, else number."""
+        return "integer" if int in self._kinds and float not in self._kinds and self._in_int64 else "number"
+
     def own_type(self, name: str) -> ColumnType:
         """Return the narrowest type for all values without loss, for a column ``name`` that is not in the table.
 

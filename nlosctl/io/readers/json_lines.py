@@ -152,6 +152,8 @@ class JsonLinesReader:
                 wanted = self._surveys[name].own_type(name)
             elif wanted == "identifier":
                 wanted = self._surveys[name].identifier_type()
+            elif wanted == "exact":
+                wanted = self._surveys[name].exact_type()
             self._types[name] = wanted
             if name in types:
                 self._refuse_wrong_column(name)

@@ -41,6 +41,7 @@ _BUFFER_BYTES = 1 << 20
 
 _EXPECTED = {
     "number": "numbers",
+    "exact": "numbers",
     "integer": "integers",
     "boolean": "true/false or 1/0",
     "text": "text",
@@ -61,7 +62,7 @@ def fits_type(arrow_type: Any, wanted: ColumnType) -> bool:
         return True
     integer = kinds.is_integer(arrow_type)
     text = kinds.is_string(arrow_type) or kinds.is_large_string(arrow_type) or kinds.is_string_view(arrow_type)
-    if wanted == "number":
+    if wanted in ("number", "exact"):
         return bool(integer or kinds.is_floating(arrow_type) or kinds.is_decimal(arrow_type))
     integer = integer or kinds.is_floating(arrow_type) or kinds.is_decimal(arrow_type)  # of whole numbers
     if wanted == "boolean":
@@ -84,7 +85,7 @@ def check_types(name: str, schema: Any, types: Mapping[str, ColumnType]) -> None
 def _is_plain(schema: Any, types: Mapping[str, ColumnType]) -> bool:
     """Return whether all columns are read as they are: common types, and no floats as ids, integers or booleans."""
     return all(
-        field.type in _COMMON and (field.type != pa.float64() or types.get(field.name, "number") == "number")
+        field.type in _COMMON and (field.type != pa.float64() or types.get(field.name, "number") in ("number", "exact"))
         for field in schema
     )
 

@@ -37,13 +37,14 @@ __all__ = [
 
 EXPECTED = {
     "number": "a number",
+    "exact": "a number",
     "integer": "an integer",
     "boolean": "true/false or 1/0",
     "text": "text",
     "identifier": "text",
 }
 
-_EXPECTED_ALL = {"number": "numbers", "integer": "integers", "boolean": "true/false or 1/0"}
+_EXPECTED_ALL = {"number": "numbers", "exact": "numbers", "integer": "integers", "boolean": "true/false or 1/0"}
 _BUFFER_BYTES = 1 << 17
 _FEWEST_WRONG = 5
 _TRIED = 100

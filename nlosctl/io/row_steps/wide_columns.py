@@ -68,6 +68,7 @@ class WideColumns:
         if len(self._sources) < len(patterns):
             raise UsageError("`wide` names a column twice")
         self._sensors: list[str] = []
+        self._types: dict[str, Any] = {}
         for column in names:
             matches = [(known.name, sensor) for known in patterns if (sensor := known.sensor(column)) is not None]
             if matches and column not in contract_names():
@@ -103,7 +104,11 @@ class WideColumns:
     def extend(self, schema: Any) -> Any:
         """See Step."""
         own = [field for field in schema if field.name not in self.replaces]
-        added = [pa.field(name, _arrow_type(name)) for name in self._sources]
+        for name, sources in self._sources.items():
+            integers = all(pa.types.is_integer(schema.field(column).type) for column in sources.values())
+            is_exact = declared_type(name) == "exact"
+            self._types[name] = pa.int64() if is_exact and integers else _arrow_type(name)
+        added = [pa.field(name, self._types[name]) for name in self._sources]
         return pa.schema([*own, pa.field(_SENSOR, pa.string()), *added])
 
     def apply(self, batch: RecordBatch) -> RecordBatch:
@@ -112,7 +117,7 @@ class WideColumns:
         row = np.repeat(np.arange(count), sensors)
         unreadable = np.zeros(row.shape, dtype=np.bool_)
         faults = self._faults(batch.cell_faults, unreadable)
-        table = self._long(batch.table, row, {name: _arrow_type(name) for name in self._sources})
+        table = self._long(batch.table, row, self._types)
         text = None if batch.text is None else self._long(batch.text, row, dict.fromkeys(self._sources, pa.string()))
         long = RecordBatch(
             table=table,
@@ -139,7 +144,7 @@ class WideColumns:
         own[_SENSOR] = pa.array(self._sensors * count, pa.string())
         for name, columns in self._sources.items():
             cells = [
-                plain(wide.column(columns[sensor])).cast(types[name])
+                plain(wide.column(columns[sensor])).cast(types[name], safe=False)
                 if sensor in columns
                 else pa.nulls(count, types[name])
                 for sensor in self._sensors

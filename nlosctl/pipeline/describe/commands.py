@@ -14,14 +14,21 @@ from nlosctl.pipeline.describe.description import Description
 
 __all__ = ["estimates_std", "log_commands", "table_commands"]
 
-_METHODS = {"bearings": ("localize", "ml"), "ranges": ("localize", "ml"), "triplets": ("detect-ip", "chi2")}
-_UNKNOWNS = 2
+_METHODS = {
+    "bearings": ("localize", "ml"),
+    "ranges": ("localize", "ml"),
+    "arrivals": ("localize", "ml"),
+    "triplets": ("detect-ip", "chi2"),
+}
+_UNKNOWNS = {"arrivals": 3}
+"""Of a fix in the plane, if they are not two."""
+
 _OPTIONS_OF_CONVERT = ("wide", "missing", "where", "declination_deg", "crs", "origin", "scene")
 
 
 def estimates_std(found: Description) -> bool:
     """Return whether the proposed command can estimate unknown standard deviations: a snapshot has spare rows."""
-    return _method(found) == ("localize", "ml") and found.largest > _UNKNOWNS
+    return _method(found) == ("localize", "ml") and found.largest > _UNKNOWNS.get(found.kind, 2)
 
 
 def table_commands(name: str, read: InputOptions, found: Description, assumed: Collection[str] = ()) -> list[str]:

@@ -28,6 +28,8 @@ _ADVICE = {
         Status.NO_CANDIDATE,
     ): f"no two circles meet within the search region: {_LENGTHS} Else enlarge it by `field`",
     ("ranges", Status.DEGENERATE): f"the circles do not determine a point: {_LENGTHS}",
+    ("arrivals", Status.DEGENERATE): "the arrivals do not determine a point: are they in the unit of their column, the "
+    "positions in metres, and `speed_m_s` that of the wave (light by default; sound: 343)?",
     ("triplets", Status.DEGENERATE): "the paths do not determine a point: are they longer than the way from "
     "transmitter to receiver, and the positions in metres?",
 }

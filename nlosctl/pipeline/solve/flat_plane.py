@@ -22,6 +22,7 @@ _REPORTED_SHARE = 0.1
 _STATED = {
     "bearings": (("sensor", "bearing_std_rad", "rad"), ("sensor", "range_std_m", "m")),
     "ranges": (("sensor", "range_std_m", "m"),),
+    "arrivals": (("sensor", "arrival_std_m", "m"),),
     "triplets": (("tx", "dod_std_rad", "rad"), ("rx", "doa_std_rad", "rad"), ("rx", "path_length_std_m", "m")),
 }
 """The start of the line to the estimate, the std to compare its error with, and the unit: a direction or a length."""

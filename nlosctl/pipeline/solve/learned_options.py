@@ -26,8 +26,9 @@ from nlosctl.geometry.exact_sums import ExactSums
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.pipeline.engine.passes import InputPasses
 from nlosctl.pipeline.solve.method_runs import LearnedOptions, MethodRun
+from nlosctl.pipeline.solve.reference_rows import alike_blocks
 from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks, keep_freed_memory
-from nlosctl.pipeline.solve.target_heights import by_height, with_target_heights
+from nlosctl.pipeline.solve.target_heights import with_target_heights
 
 __all__ = ["MOST_PASSES", "learn_options", "pass_batches"]
 
@@ -174,7 +175,7 @@ def pass_batches(
     seed = snapshot_seeds(options.seed, chunk.snapshot_ids())
     made: dict[str, Any] = {"scene": scene, "dimension": dimension, "field": options.field, "flags": False}
     for block in dense_blocks(chunk.offsets, ~chunk.left_out, options.block_size):
-        for snapshot, row in by_height(chunk, *block):
+        for snapshot, row in alike_blocks(chunk, *block):
             yield row, dense_batch(kind, chunk.columns, row, seed=seed[snapshot], **made)
 
 

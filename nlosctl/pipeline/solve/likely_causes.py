@@ -73,6 +73,8 @@ def fit_after_changes(chunk: Chunk, reader: MeasurementReader) -> dict[str, int]
     At most the first 200 of a chunk (2000 paths) are tried: those of three or more rows, else (``pairs``) of two.
     """
     measured = Measured.of(reader)
+    if measured.kind not in _VARIED:
+        return {}
     if measured.kind == "triplets":
         return _fits_of_paths(chunk, measured)
     rows = np.add.reduceat(~chunk.left_out, chunk.offsets[:-1]) if chunk.left_out.size else np.zeros(0, dtype=np.int64)

@@ -166,7 +166,7 @@ class MeasurementRun:
         if any(run.spec.covariance_kinds for run in self._runs):
             names.add("covariance_kind")
         for run in self._runs:
-            names.update(run.spec.all_estimate_columns(run.options))
+            names.update(run.spec.all_estimate_columns(run.options, self.reader.dimension))
         names.update(() if self._options.estimate_std is None else ("std_factor", "std_dof"))
         return frozenset(names)
 

@@ -24,8 +24,13 @@ from nlosctl.io.results.measurement_layouts import ChunkTrace, chunk_trace
 from nlosctl.models.search_regions import search_region
 from nlosctl.pipeline.solve.merged_flags import flags_of_windows
 from nlosctl.pipeline.solve.method_runs import BlockSolver, MethodRun
+from nlosctl.pipeline.solve.reference_rows import (
+    alike_blocks,
+    lacks_reference,
+    with_reference_row,
+    without_reference_row,
+)
 from nlosctl.pipeline.solve.report import fit_p_values
-from nlosctl.pipeline.solve.target_heights import by_height
 
 __all__ = ["ChunkSolution", "ChunkSolver", "dense_batch", "dense_blocks", "keep_freed_memory"]
 
@@ -78,7 +83,7 @@ class ChunkSolver:
         blocks = [
             part
             for block in dense_blocks(chunk.offsets, ~chunk.left_out, self.block_size)
-            for part in by_height(chunk, *block)
+            for part in alike_blocks(chunk, *block)
         ]
         for method, run in enumerate(self.runs):
             solve = run.solver(chunk)
@@ -104,7 +109,8 @@ class ChunkSolver:
     def _solve_block(
         self, chunk: Chunk, snapshot: IntArray, row: IntArray, seed: SeedArray, run: MethodRun, solve: BlockSolver
     ) -> Solution:
-        if row.shape[1] < run.spec.minimum_measurements:
+        is_short = lacks_reference(chunk.columns, row)
+        if row.shape[1] + is_short < run.spec.minimum_measurements:
             return Solution(estimates=no_estimates(row.shape[0], self.dimension, Status.TOO_FEW))
         batch = dense_batch(
             self.kind,
@@ -124,10 +130,10 @@ class ChunkSolver:
             raise
         except (Exception, SystemExit) as error:
             raise MethodError(f"method {run.spec.name!r} failed: {in_one_line(error)}") from error
-        fault = contract_violation(solution, row.shape, self.dimension)
+        fault = contract_violation(solution, (batch.size, batch.measurements), self.dimension)
         if fault:
             raise MethodError(f"method {run.spec.name!r} {fault}")
-        return solution
+        return without_reference_row(solution) if is_short else solution
 
     def _chunk_estimates(
         self, chunk: Chunk, method: int, snapshot: IntArray, row: IntArray, solution: Solution
@@ -239,6 +245,10 @@ def dense_batch(
             arrays[name].flags.writeable = False
     if dimension == 3 and "target_z_m" in columns and not np.isnan(columns["target_z_m"][row[:, 0]]).all():
         arrays |= {name: _gather(row[:, 0], [columns[name]]) for name in ("target_z_m", "target_z_std_m")}
+    for name, (rest, origin) in cls.EXACT.items():
+        arrays |= dict(zip((name, origin), _about_origin(columns[name][row], columns[rest][row]), strict=True))
+    if lacks_reference(columns, row):
+        arrays = with_reference_row(arrays, columns, row)
     batch: Batch = cls(
         scene=scene,
         field=field,
@@ -272,6 +282,14 @@ def _gather(row: IntArray, parts: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any
             dense[..., axis] = part[row]
     dense.flags.writeable = False
     return dense
+
+
+def _about_origin(whole: FloatArray, rest: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return exact values (B, K), each a sum of two floats, about their least one, and that origin (B,)."""
+    origin = whole.min(axis=1)
+    about = np.asfortranarray((whole - origin[:, None]) + rest)
+    about.flags.writeable = False
+    return about, origin
 
 
 def _in_order(parts: Sequence[ChunkEstimates], alternatives: int) -> ChunkEstimates:
