@@ -8,6 +8,7 @@ from typing import Any
 
 __all__ = ["Flag", "option", "with_flags"]
 
+
 @dataclass(frozen=True, kw_only=True)
 class Flag:
     """A flag of the command line that sets an option; ``commands`` (names with blanks between) have it.

@@ -120,9 +120,7 @@ class MethodSpec:
         """Return the optional columns of the estimates that it fills under ``options`` in this dimension."""
         further = () if self.estimate_columns_with is None else self.estimate_columns_with(options)
         of_space = {column.name for column in ESTIMATES.columns if column.of_space}
-        return tuple(
-            name for name in (*self.estimate_columns, *further) if dimension == 3 or name not in of_space
-        )
+        return tuple(name for name in (*self.estimate_columns, *further) if dimension == 3 or name not in of_space)
 
     @property
     def full_name(self) -> str:

@@ -13,7 +13,13 @@ from nlosctl.contract.tables import SWEEP_PREFIX
 
 __all__ = ["ARROW_TYPES", "SweepColumns"]
 
-ARROW_TYPES = {"number": pa.float64(), "exact": pa.float64(), "integer": pa.int64(), "boolean": pa.bool_(), "text": pa.string()}
+ARROW_TYPES = {
+    "number": pa.float64(),
+    "exact": pa.float64(),
+    "integer": pa.int64(),
+    "boolean": pa.bool_(),
+    "text": pa.string(),
+}
 """The Arrow type of each column type, except ``identifier``, which keeps the type of the file."""
 
 

@@ -9,7 +9,12 @@ from nlosctl.contract.tables.space import TARGET_HEIGHT, TRUTH_HEIGHT, sensor_he
 
 __all__ = ["ARRIVALS", "DIFFERENCES", "OFFSET"]
 
-_UNITS = (("s", 1.0, "seconds"), ("ms", 1e-3, "milliseconds"), ("us", 1e-6, "microseconds"), ("ns", 1e-9, "nanoseconds"))
+_UNITS = (
+    ("s", 1.0, "seconds"),
+    ("ms", 1e-3, "milliseconds"),
+    ("us", 1e-6, "microseconds"),
+    ("ns", 1e-9, "nanoseconds"),
+)
 _METRES = (Spelling(name="tdoa_m", scale=1.0, meaning="difference to the arrival at `reference`"),)
 
 
@@ -139,10 +144,5 @@ ARRIVALS = Table(
         ),
         *EARLIER_FLAGS,
     ),
-    space=(
-        sensor_height("sensor position, height"),
-        _REFERENCE_HEIGHT,
-        *TARGET_HEIGHT,
-        TRUTH_HEIGHT,
-    ),
+    space=(sensor_height("sensor position, height"), _REFERENCE_HEIGHT, *TARGET_HEIGHT, TRUTH_HEIGHT),
 )

@@ -97,10 +97,7 @@ def _times(name: str) -> tuple[Spelling, ...]:
     units = (("s", 1.0), ("ns", 1e-9), ("us", 1e-6), ("ms", 1e-3))
     return tuple(
         Spelling(
-            name=f"{name}_{unit}",
-            scale=LIGHT_M_S * scale,
-            usual=unit in ("s", "ns"),
-            is_recent=unit not in ("s", "ns"),
+            name=f"{name}_{unit}", scale=LIGHT_M_S * scale, usual=unit in ("s", "ns"), is_recent=unit not in ("s", "ns")
         )
         for unit, scale in units
     )

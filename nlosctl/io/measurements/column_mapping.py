@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
 
@@ -13,7 +13,6 @@ import pyarrow as pa
 from nlosctl.arrays import IntArray
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import EARTH_PLACES, KINDS, Column, ColumnType, Table, contract_names
-from nlosctl.contract.tables.shared import LIGHT_M_S
 from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.io.measurements.missing_columns import missing_message, unit_stds
 
@@ -154,7 +153,7 @@ def coordinate_columns(names: Sequence[str], renames: Mapping[str, str], file: s
 
 def plan_columns(
     names: Sequence[str], table: Table, constants: Mapping[str, float], scene: Scene, file: str, header: Sequence[str],
-    missing_std: str = "error", speed_m_s: float = LIGHT_M_S,
+    missing_std: str = "error",
 ) -> ColumnPlan:  # fmt: skip
     """Return the sources of the contract's columns, given the columns of ``file``: renamed ``names``, own ``header``.
 
@@ -163,7 +162,7 @@ def plan_columns(
     """
     if names and names[0].startswith("#") and (bare := names[0].lstrip("# ")) in contract_names():
         raise DataError(f"{file}: the header begins with '#': got {names[0]!r}, expected {bare!r}")
-    matches = {column.name: _find(column, names, constants, file, speed_m_s) for column in table.columns}
+    matches = {column.name: _find(column, names, constants, file) for column in table.columns}
     mapped = {name: match for name, match in matches.items() if match is not None}
     check_constants(table, constants, mapped, file)
     units = unit_stds(table, {*mapped, *constants}) if missing_std == "unit" else {}
@@ -192,9 +191,7 @@ def _is_in_scene(column: Column, scene: Scene, names: Sequence[str], mapped: Map
     return not half and (node in names or any(known.name == node for known in scene.sensors))
 
 
-def _find(
-    column: Column, names: Sequence[str], constants: Collection[str], file: str, speed_m_s: float
-) -> MappedColumn | None:
+def _find(column: Column, names: Sequence[str], constants: Collection[str], file: str) -> MappedColumn | None:
     """Return the file's column for one of the contract; recent spellings give way to all that gave it before."""
     if column.only_with is not None and not any(other in names for other in column.only_with):
         return None
@@ -210,9 +207,7 @@ def _find(
     if not spellings:
         return MappedColumn(column=column, name=column.name)
     attributes = ("name", "scale", "offset", "from_north", "is_relative")
-    mapped = MappedColumn(column=column, **{name: getattr(spellings[0], name) for name in attributes})
-    seconds = spellings[0].seconds
-    return replace(mapped, scale=seconds * speed_m_s) if seconds else mapped
+    return MappedColumn(column=column, **{name: getattr(spellings[0], name) for name in attributes})
 
 
 def _check_group(alternatives: Sequence[Sequence[str]], mapped: Mapping[str, MappedColumn], file: str) -> None:

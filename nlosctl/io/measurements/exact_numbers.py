@@ -26,13 +26,13 @@ _SPLITTER = 2.0**27 + 1.0
 _CURE = "give integers in a smaller unit, such as nanoseconds, in a column of integers"
 
 
-def exact_numbers(mapped: MappedColumn, cells: Any, faults: list[Fault]) -> tuple[FloatArray, FloatArray]:
-    """Return numbers (N,) in the contract's unit as two floats whose sum is exact to 32 digits; adds to ``faults``.
+def exact_numbers(mapped: MappedColumn, batch: Any, faults: list[Fault]) -> tuple[FloatArray, FloatArray]:
+    """Return a column (N,) in the contract's unit as two floats whose sum is exact to 32 digits; adds to ``faults``.
 
     Integers stay integers until their product with the unit is split. A floating-point number of 2^53 or more, where
     neighbouring integers are the same number, is a fault.
     """
-    cells = plain(cells)
+    cells = plain(batch.column(mapped.name))
     if cells.null_count:
         faults.append(Fault(mask=null_mask(cells), column=mapped.name, describe=is_null("a finite number")))
     if not pa.types.is_integer(cells.type):

@@ -145,13 +145,13 @@ class MeasurementReader:
         for given in self._inputs if self._only is None else (self._inputs[self._only[0]],):
             rows_before = self.report.rows_in_all
             if self.options.window is not None:
-                yield from filter(self._is_wanted, map(self._resolved, self._windows(given)))
+                yield from filter(None, map(self._wanted, self._windows(given)))
                 self._require_rows(given, rows_before)
                 continue
             snapshots = _Snapshots(given, self._survey, self.options, self._tally, self._names)
             # no variable refers to a chunk or its rows while it is solved, so that one of them is in memory at a time
-            yield from filter(self._is_wanted, map(self._resolved, map(snapshots.add, self._row_batches(given))))
-            yield from filter(self._is_wanted, map(self._resolved, (snapshots.rest(),)))
+            yield from filter(None, map(self._wanted, map(snapshots.add, self._row_batches(given))))
+            yield from filter(None, map(self._wanted, (snapshots.rest(),)))
             self.spans.append(snapshots.span)
             self._require_rows(given, rows_before)
         self._tally.log.raise_if_stopping()
@@ -165,30 +165,18 @@ class MeasurementReader:
         if self.report.rows_in_all == rows_before and self._only is None:
             raise DataError(f"{given.name}: no rows: the file has columns only")
 
-    def _resolved(self, chunk: Chunk | None) -> Chunk | None:
-        """Return the chunk with the references of its differences, if it has any."""
-        if chunk is None or "reference" not in chunk.columns or self._has_fault:
-            return chunk
-        from nlosctl.io.measurements.references import resolve_references
+    def _wanted(self, chunk: Chunk | None) -> Chunk | None:
+        """Return the chunk with what its columns imply, counted; None if there is none, or a fault stops the run."""
+        if chunk is None or (self._tally.log.total and self._tally.log.stops_the_run):
+            return None
+        if not {"target_z_m", "reference"}.isdisjoint(chunk.columns):
+            from nlosctl.io.measurements.completed_rows import completed_chunk
 
-        return resolve_references(chunk, self.sensor_names)
-
-    @property
-    def _has_fault(self) -> bool:
-        return bool(self._tally.log.total and self._tally.log.stops_the_run)
-
-    def _is_wanted(self, chunk: Chunk | None) -> bool:
-        """Return whether there is a chunk, and no fault so far that stops the run; count the chunk then."""
-        if chunk is None or self._has_fault:
-            return False
-        if "target_z_m" in chunk.columns:
-            from nlosctl.io.measurements.dimensions import refuse_several_heights
-
-            refuse_several_heights(chunk)
+            chunk = completed_chunk(chunk, self.sensor_names)
         self.report.snapshots += len(chunk.snapshot)
         left_out = chunk.left_out if chunk.windows is None else chunk.left_out & chunk.windows.leads
         self.report.left_out_rows += int(left_out.sum())
-        return True
+        return chunk
 
     def _row_batches(self, given: Input) -> Iterator[RowBatch]:
         """Yield the good rows of an input, or of the snapshots that begin in one part."""

@@ -20,20 +20,27 @@ from nlosctl.io.measurements.scene_columns import SceneColumns
 if TYPE_CHECKING:
     from nlosctl.io.measurements.reader import Chunk
 
-__all__ = ["check_arrivals", "require_reference", "resolve_references"]
+__all__ = ["arrival_plan", "check_arrivals", "resolve_references"]
 
 _AXES = ("x", "y", "z")
 _STD = "reference_std_m"
 
 
-def require_reference(plan: ColumnPlan, file: str) -> None:
-    """Raise DataError for a file of differences without a column of their references."""
+def arrival_plan(plan: ColumnPlan, file: str, speed_m_s: float) -> ColumnPlan:
+    """Return the plan with times as lengths; raise DataError for differences without a column of their references."""
     mapped = plan.mapped["arrival_m"]
     if mapped.name in DIFFERENCES and "reference" not in plan.mapped:
         raise DataError(
             f"{file}: column {mapped.name!r} needs 'reference', the sensor whose arrival is subtracted; add it, or "
             "rename arrivals to arrival_s, arrival_ns or arrival_m"
         )
+    seconds = {spelling.name: spelling.seconds for column in plan.table.columns for spelling in column.spellings}
+    scaled = {
+        name: replace(given, scale=seconds[given.name] * speed_m_s)
+        for name, given in plan.mapped.items()
+        if seconds.get(given.name)
+    }
+    return replace(plan, mapped={**plan.mapped, **scaled})
 
 
 def check_arrivals(
@@ -83,7 +90,7 @@ def resolve_references(chunk: Chunk, names: Sequence[str]) -> Chunk:
         )
     has_own = np.maximum.reduceat((columns["sensor"] == reference) & ~chunk.left_out, offsets[:-1])
     lacks = np.repeat(~has_own, np.diff(offsets))
-    found = {"lacks_reference": lacks.astype(np.int64)}
+    found: dict[str, npt.NDArray[Any]] = {"lacks_reference": lacks.astype(np.int64)}
     axes = [axis for axis in _AXES if f"reference_{axis}_m" in columns]
     for axis in axes:
         found[f"reference_{axis}_m"] = _first_known(columns[f"reference_{axis}_m"], offsets)

@@ -225,8 +225,7 @@ class RowConverter:
             if column.carried or column.name == SNAPSHOT:
                 continue
             if column.type == "exact":
-                mapped_here = mapped[column.name]
-                columns[column.name], columns[REST] = exact_numbers(mapped_here, batch.column(mapped_here.name), faults)
+                columns[column.name], columns[REST] = exact_numbers(mapped[column.name], batch, faults)
                 continue
             values = self._column(column, batch, columns, faults)
             if values is not None:
@@ -245,14 +244,10 @@ class RowConverter:
         if self._times is not None and self._scene.time_column:
             valid = self._scene_columns.check_times(self._opened.time_column, batch, columns, faults)
             self._tally.report.valid_sensors |= valid
-        if self._plan.table.dimension == 3:
-            from nlosctl.io.measurements.dimensions import complete_directions
+        if self._plan.table.dimension == 3 or REST in columns:
+            from nlosctl.io.measurements.completed_rows import complete_columns
 
-            complete_directions(self._plan, columns, faults)
-        if REST in columns:
-            from nlosctl.io.measurements.references import check_arrivals
-
-            check_arrivals(self._plan, self._scene_columns, batch, columns, faults)
+            complete_columns(self._plan, self._scene_columns, batch, columns, faults)
         if self._plan.relative:
             self._scene_columns.add_headings(self._file, batch, columns, faults)
         if {"bearing_rad", "range_m", "range_std_m"} <= mapped.keys():

@@ -241,15 +241,11 @@ def planned(
         **defaults,
         **{name: value for name, value in options.constants.items() if name not in table.space_names},
     }
-    plan = plan_columns(names, table, constants, scene, part.name, header, options.missing_std, options.speed_m_s)
-    if table.dimension == 3:
-        from nlosctl.io.measurements.dimensions import check_space
+    plan = plan_columns(names, table, constants, scene, part.name, header, options.missing_std)
+    if table.dimension == 3 or table.name == "arrivals":
+        from nlosctl.io.measurements.completed_rows import completed_plan
 
-        check_space(plan, header, part.name)
-    if table.name == "arrivals":
-        from nlosctl.io.measurements.references import require_reference
-
-        require_reference(plan, part.name)
+        plan = completed_plan(plan, header, part.name, options.speed_m_s)
     extra, time_column = options.extra_columns, ""
     if needs_times:
         from nlosctl.io.measurements.windows.window_columns import columns_of_windows

@@ -85,8 +85,7 @@ class CsvReader:
             unknown = [name for name in self._kept if name not in types]
             self._types = {**types, **self._survey([*unknown, *exact])}
             self._guessed -= set(exact)
-            for name in exact:
-                self._types[name] = self._exact_type(name)
+            self._types |= {name: self._exact_type(name) for name in exact}
         self._named = {name for name, kind in types.items() if kind in ("text", "identifier")}
         for name in self._kept:
             if self._first is None:
@@ -97,8 +96,6 @@ class CsvReader:
                 if self._types[name] == "integer":
                     self._hints[name] = f" as in the first {self._first.table.num_rows} rows"
             elif name in types:
-                if types[name] == "exact" and self._types[name] == "integer" and not self._records.at_end:
-                    self._hints[name] = f" as in the first {self._first.table.num_rows} rows"
                 refuse_wrong_column(cells, self._types[name], self._part.name, name, self.accepted_texts)
         return pa.schema([(name, arrow_type_of(self._types[name])) for name in self._kept])
 

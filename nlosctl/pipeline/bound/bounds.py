@@ -24,9 +24,10 @@ from nlosctl.io.results.evaluation_arrays import boolean_codes
 from nlosctl.io.results.layouts import TRUTH_NAMES, truth_positions
 from nlosctl.io.results.tables import bound_schema, bound_table
 from nlosctl.models.information import INFORMATION, Information
+from nlosctl.pipeline.solve.dense_batches import dense_batch, dense_blocks
+from nlosctl.pipeline.solve.reference_rows import alike_blocks
 from nlosctl.pipeline.solve.reflected_ranges import refuse_circle_ranges, refuse_reflected_ranges
-from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks
-from nlosctl.pipeline.solve.target_heights import by_height, with_target_heights
+from nlosctl.pipeline.solve.target_heights import with_target_heights
 
 __all__ = ["MapGrid", "bounds_at_truth", "bounds_on_map", "first_chunk", "map_sensors", "parse_map", "result_schema"]
 
@@ -103,7 +104,7 @@ def bounds_at_truth(reader: MeasurementReader, options: SolveOptions) -> Iterato
         kept = ~chunk.left_out & _may_be_direct(chunk)
         for snapshot, row in dense_blocks(chunk.offsets, kept, _POSITIONS_AT_ONCE):
             if row.shape[1]:
-                for mine, rows in by_height(chunk, snapshot, row):
+                for mine, rows in alike_blocks(chunk, snapshot, row):
                     batch = _without_ranges(_batch(reader, chunk, rows), options)
                     _write_bounds(arrays, mine, model.at(batch, *truth[mine].T), options)
         yield bound_table(arrays, schema, chunk.snapshot, chunk.table, chunk.offsets[:-1])

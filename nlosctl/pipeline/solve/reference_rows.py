@@ -72,6 +72,6 @@ def without_reference_row(solution: Solution) -> Solution:
     estimates, flags = solution.estimates, solution.flags
     estimates = dataclasses.replace(estimates, n_used=np.maximum(estimates.n_used - 1, 0))
     if flags is not None:
-        columns = {name: values[:, :-1] for name, values in flags.columns.items()}  # type: ignore[index]
+        columns = {name: values[:, :-1] for name, values in flags.columns.items()}
         flags = dataclasses.replace(flags, used=flags.used[:, :-1], columns=columns)
     return dataclasses.replace(solution, estimates=estimates, flags=flags)

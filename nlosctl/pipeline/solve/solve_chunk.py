@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, SeedArray
-from nlosctl.contract.batches import Batch, batch_class
 from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.result_checks import contract_violation
 from nlosctl.contract.results import Flags, Solution, Trace, Words, no_estimates
@@ -22,17 +20,13 @@ from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.io.results.measurement_layouts import ChunkTrace, chunk_trace
 from nlosctl.models.search_regions import search_region
+from nlosctl.pipeline.solve.dense_batches import dense_batch, dense_blocks, keep_freed_memory
 from nlosctl.pipeline.solve.merged_flags import flags_of_windows
 from nlosctl.pipeline.solve.method_runs import BlockSolver, MethodRun
-from nlosctl.pipeline.solve.reference_rows import (
-    alike_blocks,
-    lacks_reference,
-    with_reference_row,
-    without_reference_row,
-)
+from nlosctl.pipeline.solve.reference_rows import alike_blocks, lacks_reference, without_reference_row
 from nlosctl.pipeline.solve.report import fit_p_values
 
-__all__ = ["ChunkSolution", "ChunkSolver", "dense_batch", "dense_blocks", "keep_freed_memory"]
+__all__ = ["ChunkSolution", "ChunkSolver"]
 
 Columns = Mapping[str, npt.NDArray[Any]]
 Solved = tuple[IntArray, IntArray, Solution]
@@ -41,9 +35,6 @@ Solved = tuple[IntArray, IntArray, Solution]
 _WHOLE_FIELD = SensorsField()
 _EDGE_SHARE = 0.01
 """An estimate is on the edge of the search region within this share of the region's larger side."""
-
-_LARGEST_KEPT = (32 << 20) - (64 << 10)
-"""Just below the largest size to which glibc raises its thresholds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,7 +121,7 @@ class ChunkSolver:
             raise
         except (Exception, SystemExit) as error:
             raise MethodError(f"method {run.spec.name!r} failed: {in_one_line(error)}") from error
-        fault = contract_violation(solution, (batch.size, batch.measurements), self.dimension)
+        fault = contract_violation(solution, (row.shape[0], row.shape[1] + is_short), self.dimension)
         if fault:
             raise MethodError(f"method {run.spec.name!r} {fault}")
         return without_reference_row(solution) if is_short else solution
@@ -194,102 +185,6 @@ class ChunkSolver:
                     parts.setdefault(name, []).append((row, solution.flags.columns[name]))
         flags = Flags(used=used, columns={name: _scatter(size, column) for name, column in parts.items()})
         return flags if chunk.windows is None else flags_of_windows(flags, chunk.windows.leader)
-
-
-def dense_blocks(offsets: IntArray, kept: BoolArray, block_size: int) -> Iterator[tuple[IntArray, IntArray]]:
-    """Yield the indices of snapshots (B,) and rows (B, K) of blocks that cover all snapshots of a chunk.
-
-    ``offsets`` (S+1,) are row offsets, ``kept`` (N,) the rows that take part; K counts only those and may be 0. B is
-    at most ``block_size``.
-    """
-    kept_rows = np.flatnonzero(kept)
-    kept_before = np.concatenate([[0], np.cumsum(kept)])
-    first = kept_before[offsets[:-1]]
-    counts = kept_before[offsets[1:]] - first
-    for count in np.flatnonzero(np.bincount(counts)):
-        members = np.flatnonzero(counts == count)
-        within = np.arange(count, dtype=np.int64)
-        for start in range(0, members.shape[0], block_size):
-            snapshot = members[start : start + block_size]
-            row = first[snapshot][:, None] + within
-            yield snapshot, kept_rows[row] if count else row
-
-
-def dense_batch(
-    kind: str,
-    columns: Columns,
-    row: IntArray,
-    *,
-    scene: Scene,
-    dimension: int = 2,
-    seed: SeedArray | None = None,
-    field: Field = _WHOLE_FIELD,
-    flags: bool = False,
-    details: bool = False,
-    trace: bool = False,
-) -> Batch:
-    """Return the dense batch of the rows (B, K) of flat ``columns``: read-only arrays in Fortran order.
-
-    Only a batch in three dimensions has the heights and elevations among the columns.
-    ``seed`` (B,) is the random seed of each snapshot, zeros by default; ``flags``, ``details`` and ``trace`` are what
-    the batch asks of a method.
-    """
-    cls = batch_class(kind)
-    arrays = {}
-    sources = {**cls.SOURCES, **cls.OPTIONAL_SOURCES, **(cls.SPACE_SOURCES if dimension == 3 else {})}
-    for name, parts in sources.items():
-        if columns.keys() >= set(parts):
-            arrays[name] = _gather(row, [columns[part] for part in parts])
-        elif name in cls.ABSENT:
-            arrays[name] = np.full(row.shape, cls.ABSENT[name], order="F")
-            arrays[name].flags.writeable = False
-    if dimension == 3 and "target_z_m" in columns and not np.isnan(columns["target_z_m"][row[:, 0]]).all():
-        arrays |= {name: _gather(row[:, 0], [columns[name]]) for name in ("target_z_m", "target_z_std_m")}
-    for name, (rest, origin) in cls.EXACT.items():
-        arrays |= dict(zip((name, origin), _about_origin(columns[name][row], columns[rest][row]), strict=True))
-    if lacks_reference(columns, row):
-        arrays = with_reference_row(arrays, columns, row)
-    batch: Batch = cls(
-        scene=scene,
-        field=field,
-        dimension=dimension,
-        seed=np.zeros(row.shape[0], dtype=np.uint64) if seed is None else seed,
-        want_flags=flags,
-        want_details=flags and details,
-        want_trace=trace,
-        **arrays,
-    )
-    return batch
-
-
-@functools.cache
-def keep_freed_memory() -> None:
-    """Make glibc keep freed memory for the next block of snapshots; no effect with other C libraries.
-
-    glibc returns a freed block to the system if it is larger than any block freed before, or if twice that size is free
-    at the end of the heap: each block of snapshots would fault its pages in again, which takes a fifth of the time
-    of the fast methods. Freeing one large array, whose pages are never touched, raises both thresholds for good.
-    """
-    np.empty(_LARGEST_KEPT, dtype=np.uint8)
-
-
-def _gather(row: IntArray, parts: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
-    dense = np.empty(row.shape if len(parts) == 1 else (*row.shape, len(parts)), dtype=parts[0].dtype, order="F")
-    if len(parts) == 1:
-        dense[...] = parts[0][row]
-    else:
-        for axis, part in enumerate(parts):
-            dense[..., axis] = part[row]
-    dense.flags.writeable = False
-    return dense
-
-
-def _about_origin(whole: FloatArray, rest: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return exact values (B, K), each a sum of two floats, about their least one, and that origin (B,)."""
-    origin = whole.min(axis=1)
-    about = np.asfortranarray((whole - origin[:, None]) + rest)
-    about.flags.writeable = False
-    return about, origin
 
 
 def _in_order(parts: Sequence[ChunkEstimates], alternatives: int) -> ChunkEstimates:
