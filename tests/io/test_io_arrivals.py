@@ -13,6 +13,7 @@ import pytest
 from test_io_space import written
 
 from nlosctl.contract.run_options import InputOptions
+from nlosctl.contract.scene import Scene
 from nlosctl.contract.std_flags import parse_speed
 from nlosctl.errors import DataError, UsageError
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
@@ -39,7 +40,6 @@ def chunk_of(path: Path, **options: Any) -> Chunk:
 def batch_of(path: Path, **options: Any) -> Any:
     """Return the dense batch of a file of one snapshot."""
     chunk = chunk_of(path, **options)
-    from nlosctl.contract.scene import Scene
 
     return dense_batch("arrivals", chunk.columns, np.arange(chunk.table.num_rows)[None], scene=Scene())
 
@@ -66,7 +66,7 @@ def test_nanoseconds_since_1970_are_subtracted_as_integers(tmp_path: Path, form:
         path.write_text("\n".join(str(row).replace("'", '"') for row in rows) + "\n")
     batch = batch_of(path)
     exact = [float(Fraction(time - EPOCH_NS) * Fraction(299_792_458, 10**9)) for time in times]
-    assert batch.arrival_m[0] == pytest.approx(exact, abs=1e-6)
+    assert batch.arrival_m[0] - batch.arrival_m[0, 0] == pytest.approx(exact, abs=1e-6)
     assert batch.origin_m[0] == pytest.approx(EPOCH_NS * 0.299792458, rel=1e-15)
 
 
@@ -76,7 +76,7 @@ def test_times_in_a_column_for_each_sensor_stay_integers(tmp_path: Path) -> None
     path.write_text(f"snapshot,toa_a,toa_b\n1,{EPOCH_NS},{EPOCH_NS + 7}\n")
     (tmp_path / "in.scene.toml").write_text(SCENE + SCENE.replace('"a"', '"b"').replace("3, 4", "5, 6"))
     batch = batch_of(path, wide=("arrival_ns=toa_*",), constants={"arrival_std_m": 1.0})
-    assert batch.arrival_m[0] == pytest.approx([0.0, 7 * 0.299792458], abs=1e-6)
+    assert np.diff(batch.arrival_m[0]) == pytest.approx([7 * 0.299792458], abs=1e-6)
 
 
 @pytest.mark.parametrize(("speed", "metres"), [("light", 299_792_458.0), ("sound", 343.0), ("1500", 1500.0)])
@@ -141,8 +141,6 @@ def test_a_reference_is_a_row_of_zero(tmp_path: Path, place: str) -> None:
     chunk = chunk_of(written(path, columns, SCENE if place == "scene" else ""))
     (block,) = alike_blocks(chunk, np.zeros(1, dtype=np.int64), np.arange(chunk.table.num_rows)[None])
     assert lacks_reference(chunk.columns, block[1]) == (place != "row")
-    from nlosctl.contract.scene import Scene
-
     batch: Any = dense_batch("arrivals", chunk.columns, block[1], scene=Scene())
     order = [2, 0, 1] if place != "row" else [0, 1, 2]
     assert batch.arrival_m[0, order] + batch.origin_m[0] == pytest.approx([0.0, 5.0, -6.0])

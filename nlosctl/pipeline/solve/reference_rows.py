@@ -55,7 +55,7 @@ def with_reference_row(
     extended = {}
     for name, values in arrays.items():
         if name == "arrival_m":
-            last = np.zeros(row.shape[0])
+            last = -arrays["origin_m"]
         elif name in _OF_REFERENCE:
             last = np.stack([columns[part][row[:, 0]] for part in _OF_REFERENCE[name]], axis=-1)
             last = last.reshape(row.shape[0], *values.shape[2:])
