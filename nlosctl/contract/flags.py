@@ -6,7 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["Flag", "option", "with_flags"]
+from nlosctl.contract.tables.shared import LIGHT_M_S
+from nlosctl.errors import UsageError, did_you_mean
+
+__all__ = ["Flag", "option", "parse_speed", "with_flags"]
+
+
+_SPEEDS = {"light": LIGHT_M_S, "sound": 343.0}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,3 +48,14 @@ def with_flags(default: Any, *flags: Flag) -> Any:
     if isinstance(default, dict):
         return field(default_factory=dict, metadata={"flags": flags})
     return field(default=default, metadata={"flags": flags})
+
+
+def parse_speed(text: str) -> float:
+    """Return a speed in m/s, given as a number or by name; raises UsageError."""
+    if text in _SPEEDS:
+        return _SPEEDS[text]
+    try:
+        return float(text)
+    except ValueError:
+        near = did_you_mean(text, _SPEEDS)
+        raise UsageError(f"`speed_m_s` must be light, sound or a number in m/s. Got {text!r}{near}.") from None

@@ -14,10 +14,10 @@ from functools import partial
 from typing import Any
 
 from nlosctl.contract.fields import Field, SensorsField, parse_field
-from nlosctl.contract.flags import Flag, option, with_flags
+from nlosctl.contract.flags import Flag, option, parse_speed, with_flags
 from nlosctl.contract.limits import size
 from nlosctl.contract.scene import EarthFrame, Scene, parse_frame
-from nlosctl.contract.std_flags import STD_FLAGS, parse_speed, std_in_metres
+from nlosctl.contract.std_flags import STD_FLAGS, std_in_metres
 from nlosctl.contract.tables.shared import LIGHT_M_S
 from nlosctl.contract.windows import KEEPS, parse_window
 from nlosctl.errors import UsageError, did_you_mean
@@ -137,7 +137,8 @@ class InputOptions:
         if not 0.0 < self.speed_m_s < math.inf:
             raise UsageError(f"`speed_m_s` must be a finite number larger than 0. Got {self.speed_m_s:g} instead.")
         for name in ("constants", "default_constants"):
-            object.__setattr__(self, name, std_in_metres(getattr(self, name), self.speed_m_s))
+            if "arrival_std_s" in getattr(self, name):
+                object.__setattr__(self, name, std_in_metres(getattr(self, name), self.speed_m_s))
         if self.dimensions not in (None, 2, 3):
             raise UsageError(f"`dimensions` must be 2 or 3. Got {self.dimensions!r} instead.")
         if self.window_keep not in KEEPS:

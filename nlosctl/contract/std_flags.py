@@ -1,4 +1,4 @@
-"""The flags of constant standard deviations, and speeds, which make metres of times."""
+"""The flags of constant standard deviations; those of arrival times become lengths by the speed of the wave."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Mapping
 
 from nlosctl.contract.flags import Flag
 from nlosctl.contract.tables.shared import LIGHT_M_S
-from nlosctl.errors import UsageError, did_you_mean
+from nlosctl.errors import UsageError
 
-__all__ = ["STD_FLAGS", "parse_speed", "std_in_metres"]
+__all__ = ["STD_FLAGS", "std_in_metres"]
 
 _STD_UNITS = {
     "deg": ("degrees", math.radians(1.0)),
@@ -20,24 +20,9 @@ _STD_UNITS = {
 
 _CONSTANT = "localize validate plot convert describe"
 
-_SPEEDS = {"light": LIGHT_M_S, "sound": 343.0}
-
-
-def parse_speed(text: str) -> float:
-    """Return a speed in m/s, given as a number or by name; raises UsageError."""
-    if text in _SPEEDS:
-        return _SPEEDS[text]
-    try:
-        return float(text)
-    except ValueError:
-        near = did_you_mean(text, _SPEEDS)
-        raise UsageError(f"`speed_m_s` must be light, sound or a number in m/s. Got {text!r}{near}.") from None
-
 
 def std_in_metres(constants: Mapping[str, float], speed_m_s: float) -> Mapping[str, float]:
-    """Return constants with the standard deviation of arrivals in metres, if it is given in seconds."""
-    if "arrival_std_s" not in constants:
-        return constants
+    """Return constants with the standard deviation of arrivals in metres in place of seconds."""
     if "arrival_std_m" in constants:
         raise UsageError("the standard deviation of arrivals is given in metres and in a unit of time; give one")
     rest = {name: value for name, value in constants.items() if name != "arrival_std_s"}

@@ -17,7 +17,7 @@ from nlosctl.contract.scene import Scene
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.results.in_memory import input_of_table
 from nlosctl.io.results.tables import measurement_table
-from nlosctl.pipeline.solve.dense_batches import dense_batch, dense_blocks
+from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks
 from nlosctl.reproduce.experiment import Chunk
 from nlosctl.scenarios.catalogue import find_scenario
 

@@ -12,14 +12,14 @@ import pyarrow.parquet
 import pytest
 from test_io_space import written
 
+from nlosctl.contract.flags import parse_speed
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
-from nlosctl.contract.std_flags import parse_speed
 from nlosctl.errors import DataError, UsageError
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.paths.inputs import expand_inputs
-from nlosctl.pipeline.solve.dense_batches import dense_batch
 from nlosctl.pipeline.solve.reference_rows import alike_blocks, lacks_reference
+from nlosctl.pipeline.solve.solve_chunk import dense_batch
 
 EPOCH_NS = 1_733_011_200_123_456_789
 PLACES: dict[str, list[Any]] = {

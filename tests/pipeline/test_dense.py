@@ -17,9 +17,8 @@ from nlosctl.contract.statuses import Status
 from nlosctl.errors import MethodError, UsageError
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import ChunkEstimates
-from nlosctl.pipeline.solve.dense_batches import dense_batch, dense_blocks
 from nlosctl.pipeline.solve.method_runs import MethodRun
-from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver
+from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver, dense_batch, dense_blocks
 
 
 @st.composite

@@ -13,7 +13,7 @@ ROUNDS = 50
 _COUNT_FAULTS = """
 import resource
 import numpy as np
-from nlosctl.pipeline.solve.dense_batches import keep_freed_memory
+from nlosctl.pipeline.solve.solve_chunk import keep_freed_memory
 {call}
 
 def allocate_and_free_blocks():

@@ -190,7 +190,8 @@ def _values(
                 raise UsageError(f"{flag.name} and another option set the same quantity; give one of them")
             values[name] = {**values.get(name, {}), **given}
         elif flag.parse is not None:
-            values[option.name] = flag.parse(value)
+            if value != flag.text:
+                values[option.name] = flag.parse(value)
         elif isinstance(value, list):
             is_mapping = option.default_factory is dict
             values[option.name] = key_values(value, flag.name) if is_mapping else tuple(value)

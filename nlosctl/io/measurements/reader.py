@@ -170,7 +170,7 @@ class MeasurementReader:
         if chunk is None or (self._tally.log.total and self._tally.log.stops_the_run):
             return None
         if not {"target_z_m", "reference"}.isdisjoint(chunk.columns):
-            from nlosctl.io.measurements.completed_rows import completed_chunk
+            from nlosctl.io.measurements.completion.completed_rows import completed_chunk
 
             chunk = completed_chunk(chunk, self.sensor_names)
         self.report.snapshots += len(chunk.snapshot)

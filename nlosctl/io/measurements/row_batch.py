@@ -17,7 +17,7 @@ from nlosctl.contract.tables import Column
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.bad_rows import log_bad_rows
 from nlosctl.io.measurements.column_mapping import NULL_CODE, SNAPSHOT, NameCodes
-from nlosctl.io.measurements.exact_numbers import REST, exact_numbers
+from nlosctl.io.measurements.completion.exact_numbers import REST, exact_numbers
 from nlosctl.io.measurements.row_checks import TICKS, Fault, ReadReport, RowTally, ValueChecks, is_null, null_mask
 from nlosctl.io.measurements.row_consistency import half_filled_faults, indefinite_faults, missing_std_faults
 from nlosctl.io.measurements.scene_columns import SceneColumns, from_north
@@ -245,7 +245,7 @@ class RowConverter:
             valid = self._scene_columns.check_times(self._opened.time_column, batch, columns, faults)
             self._tally.report.valid_sensors |= valid
         if self._plan.table.dimension == 3 or REST in columns:
-            from nlosctl.io.measurements.completed_rows import complete_columns
+            from nlosctl.io.measurements.completion.completed_rows import complete_columns
 
             complete_columns(self._plan, self._scene_columns, batch, columns, faults)
         if self._plan.relative:

@@ -243,7 +243,7 @@ def planned(
     }
     plan = plan_columns(names, table, constants, scene, part.name, header, options.missing_std)
     if table.dimension == 3 or table.name == "arrivals":
-        from nlosctl.io.measurements.completed_rows import completed_plan
+        from nlosctl.io.measurements.completion.completed_rows import completed_plan
 
         plan = completed_plan(plan, header, part.name, options.speed_m_s)
     extra, time_column = options.extra_columns, ""

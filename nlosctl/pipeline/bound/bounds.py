@@ -24,9 +24,9 @@ from nlosctl.io.results.evaluation_arrays import boolean_codes
 from nlosctl.io.results.layouts import TRUTH_NAMES, truth_positions
 from nlosctl.io.results.tables import bound_schema, bound_table
 from nlosctl.models.information import INFORMATION, Information
-from nlosctl.pipeline.solve.dense_batches import dense_batch, dense_blocks
 from nlosctl.pipeline.solve.reference_rows import alike_blocks
 from nlosctl.pipeline.solve.reflected_ranges import refuse_circle_ranges, refuse_reflected_ranges
+from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks
 from nlosctl.pipeline.solve.target_heights import with_target_heights
 
 __all__ = ["MapGrid", "bounds_at_truth", "bounds_on_map", "first_chunk", "map_sensors", "parse_map", "result_schema"]

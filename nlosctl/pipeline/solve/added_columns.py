@@ -23,9 +23,8 @@ from nlosctl.io.results.layouts import TRUTH_NAMES, ChunkEstimates
 from nlosctl.io.scenes.places import errors_in
 from nlosctl.io.scenes.scene_file import plane_of
 from nlosctl.models.information import UNIT_INFORMATION
-from nlosctl.pipeline.solve.dense_batches import dense_batch, dense_blocks
 from nlosctl.pipeline.solve.method_runs import MethodRun
-from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver
+from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver, dense_batch, dense_blocks
 
 __all__ = ["ADDED", "AddedColumn", "check_added", "further_columns", "optional_columns"]
 

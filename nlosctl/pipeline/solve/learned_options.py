@@ -25,9 +25,9 @@ from nlosctl.errors import MethodError, NlosctlError, in_one_line
 from nlosctl.geometry.exact_sums import ExactSums
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.pipeline.engine.passes import InputPasses
-from nlosctl.pipeline.solve.dense_batches import dense_batch, dense_blocks, keep_freed_memory
 from nlosctl.pipeline.solve.method_runs import LearnedOptions, MethodRun
 from nlosctl.pipeline.solve.reference_rows import alike_blocks
+from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks, keep_freed_memory
 from nlosctl.pipeline.solve.target_heights import with_target_heights
 
 __all__ = ["MOST_PASSES", "learn_options", "pass_batches"]

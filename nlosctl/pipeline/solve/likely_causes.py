@@ -17,9 +17,8 @@ from nlosctl.contract.tables.shared import DEGREE
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.models.triplets import paths_of
 from nlosctl.pipeline.solve.advice import Measured
-from nlosctl.pipeline.solve.dense_batches import dense_batch
 from nlosctl.pipeline.solve.method_runs import method_runs
-from nlosctl.pipeline.solve.solve_chunk import ChunkSolver
+from nlosctl.pipeline.solve.solve_chunk import ChunkSolver, dense_batch
 from nlosctl.solvers.triplets.target_fits import fit_paths
 from nlosctl.solvers.triplets.target_status import p_values
 

@@ -1,4 +1,4 @@
-"""The rows of references: an arrival of 0 that a file of differences implies and need not have as a row."""
+"""Arrivals in batches: about an origin, and with a reference's arrival of 0, which a file need not have as a row."""
 
 from __future__ import annotations
 
@@ -9,14 +9,23 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.arrays import IntArray
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.results import Solution
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.pipeline.solve.target_heights import by_height
 
-__all__ = ["alike_blocks", "lacks_reference", "with_reference_row", "without_reference_row"]
+__all__ = [
+    "LACKS_REFERENCE",
+    "about_origin",
+    "alike_blocks",
+    "lacks_reference",
+    "with_reference_row",
+    "without_reference_row",
+]
 
-_LACKS = "lacks_reference"
+LACKS_REFERENCE = "lacks_reference"
+"""The column that marks rows whose snapshot lacks the row of its reference."""
+
 _OF_REFERENCE = {
     "sensor": ("reference",),
     "sensor_xy_m": ("reference_x_m", "reference_y_m"),
@@ -28,24 +37,27 @@ _OF_REFERENCE = {
 
 def alike_blocks(chunk: Chunk, snapshot: IntArray, row: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
     """Yield the snapshots (B,) and rows (B, K) of a block that can share a batch: by heights, then by references."""
-    for part in by_height(chunk, snapshot, row):
-        yield from _by_reference(chunk, *part)
-
-
-def _by_reference(chunk: Chunk, snapshot: IntArray, row: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
-    """Yield the snapshots (B,) and rows (B, K) of a block without and with the row of their reference."""
-    if _LACKS not in chunk.columns or not row.shape[1]:
-        yield snapshot, row
-        return
-    lacks = chunk.columns[_LACKS][row[:, 0]]
-    for alike in (lacks == 0, lacks == 1):
-        if alike.any():
-            yield snapshot[alike], row[alike]
+    for some, rows in by_height(chunk, snapshot, row):
+        if LACKS_REFERENCE not in chunk.columns or not row.shape[1]:
+            yield some, rows
+            continue
+        lacks = chunk.columns[LACKS_REFERENCE][rows[:, 0]]
+        for alike in (lacks == 0, lacks == 1):
+            if alike.any():
+                yield some[alike], rows[alike]
 
 
 def lacks_reference(columns: Mapping[str, npt.NDArray[Any]], row: IntArray) -> bool:
     """Return whether the snapshots with the rows (B, K), alike in this, lack the row of their reference."""
-    return _LACKS in columns and row.size > 0 and bool(columns[_LACKS][row[0, 0]])
+    return row.size > 0 and bool(columns[LACKS_REFERENCE][row[0, 0]])
+
+
+def about_origin(whole: FloatArray, rest: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return exact values (B, K), each a sum of two floats, about their least one, and that origin (B,)."""
+    origin = whole.min(axis=1)
+    about = np.asfortranarray((whole - origin[:, None]) + rest)
+    about.flags.writeable = False
+    return about, origin
 
 
 def with_reference_row(

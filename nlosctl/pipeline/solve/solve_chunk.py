@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, SeedArray
+from nlosctl.contract.batches import Batch, batch_class
 from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.result_checks import contract_violation
-from nlosctl.contract.results import Flags, Solution, Trace, Words, no_estimates
+from nlosctl.contract.results import Flags, Solution, Trace, no_estimates
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import MethodError, NlosctlError, in_one_line
@@ -20,13 +22,20 @@ from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.io.results.measurement_layouts import ChunkTrace, chunk_trace
 from nlosctl.models.search_regions import search_region
-from nlosctl.pipeline.solve.dense_batches import dense_batch, dense_blocks, keep_freed_memory
-from nlosctl.pipeline.solve.merged_flags import flags_of_windows
+from nlosctl.pipeline.solve.merged_flags import flags_of_windows, scattered
 from nlosctl.pipeline.solve.method_runs import BlockSolver, MethodRun
-from nlosctl.pipeline.solve.reference_rows import alike_blocks, lacks_reference, without_reference_row
+from nlosctl.pipeline.solve.reference_rows import (
+    LACKS_REFERENCE,
+    about_origin,
+    alike_blocks,
+    lacks_reference,
+    with_reference_row,
+    without_reference_row,
+)
 from nlosctl.pipeline.solve.report import fit_p_values
+from nlosctl.pipeline.solve.target_heights import by_height
 
-__all__ = ["ChunkSolution", "ChunkSolver"]
+__all__ = ["ChunkSolution", "ChunkSolver", "dense_batch", "dense_blocks", "keep_freed_memory"]
 
 Columns = Mapping[str, npt.NDArray[Any]]
 Solved = tuple[IntArray, IntArray, Solution]
@@ -35,6 +44,10 @@ Solved = tuple[IntArray, IntArray, Solution]
 _WHOLE_FIELD = SensorsField()
 _EDGE_SHARE = 0.01
 """An estimate is on the edge of the search region within this share of the region's larger side."""
+
+
+_LARGEST_KEPT = (32 << 20) - (64 << 10)
+"""Just below the largest size to which glibc raises its thresholds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,10 +84,11 @@ class ChunkSolver:
         estimates: list[ChunkEstimates] = []
         flags: list[Flags] = []
         traces: list[tuple[int, IntArray, IntArray, Trace]] = []
+        alike = alike_blocks if LACKS_REFERENCE in chunk.columns else by_height
         blocks = [
             part
             for block in dense_blocks(chunk.offsets, ~chunk.left_out, self.block_size)
-            for part in alike_blocks(chunk, *block)
+            for part in alike(chunk, *block)
         ]
         for method, run in enumerate(self.runs):
             solve = run.solver(chunk)
@@ -100,7 +114,7 @@ class ChunkSolver:
     def _solve_block(
         self, chunk: Chunk, snapshot: IntArray, row: IntArray, seed: SeedArray, run: MethodRun, solve: BlockSolver
     ) -> Solution:
-        is_short = lacks_reference(chunk.columns, row)
+        is_short = LACKS_REFERENCE in chunk.columns and lacks_reference(chunk.columns, row)
         if row.shape[1] + is_short < run.spec.minimum_measurements:
             return Solution(estimates=no_estimates(row.shape[0], self.dimension, Status.TOO_FEW))
         batch = dense_batch(
@@ -183,8 +197,96 @@ class ChunkSolver:
             for name in (*own, "std_factor"):
                 if name in solution.flags.columns:
                     parts.setdefault(name, []).append((row, solution.flags.columns[name]))
-        flags = Flags(used=used, columns={name: _scatter(size, column) for name, column in parts.items()})
+        flags = Flags(used=used, columns={name: scattered(size, column) for name, column in parts.items()})
         return flags if chunk.windows is None else flags_of_windows(flags, chunk.windows.leader)
+
+
+def dense_blocks(offsets: IntArray, kept: BoolArray, block_size: int) -> Iterator[tuple[IntArray, IntArray]]:
+    """Yield the indices of snapshots (B,) and rows (B, K) of blocks that cover all snapshots of a chunk.
+
+    ``offsets`` (S+1,) are row offsets, ``kept`` (N,) the rows that take part; K counts only those and may be 0. B is
+    at most ``block_size``.
+    """
+    kept_rows = np.flatnonzero(kept)
+    kept_before = np.concatenate([[0], np.cumsum(kept)])
+    first = kept_before[offsets[:-1]]
+    counts = kept_before[offsets[1:]] - first
+    for count in np.flatnonzero(np.bincount(counts)):
+        members = np.flatnonzero(counts == count)
+        within = np.arange(count, dtype=np.int64)
+        for start in range(0, members.shape[0], block_size):
+            snapshot = members[start : start + block_size]
+            row = first[snapshot][:, None] + within
+            yield snapshot, kept_rows[row] if count else row
+
+
+def dense_batch(
+    kind: str,
+    columns: Columns,
+    row: IntArray,
+    *,
+    scene: Scene,
+    dimension: int = 2,
+    seed: SeedArray | None = None,
+    field: Field = _WHOLE_FIELD,
+    flags: bool = False,
+    details: bool = False,
+    trace: bool = False,
+) -> Batch:
+    """Return the dense batch of the rows (B, K) of flat ``columns``: read-only arrays in Fortran order.
+
+    Only a batch in three dimensions has the heights and elevations among the columns.
+    ``seed`` (B,) is the random seed of each snapshot, zeros by default; ``flags``, ``details`` and ``trace`` are what
+    the batch asks of a method.
+    """
+    cls = batch_class(kind)
+    arrays = {}
+    sources = {**cls.SOURCES, **cls.OPTIONAL_SOURCES, **(cls.SPACE_SOURCES if dimension == 3 else {})}
+    for name, parts in sources.items():
+        if columns.keys() >= set(parts):
+            arrays[name] = _gather(row, [columns[part] for part in parts])
+        elif name in cls.ABSENT:
+            arrays[name] = np.full(row.shape, cls.ABSENT[name], order="F")
+            arrays[name].flags.writeable = False
+    if dimension == 3 and "target_z_m" in columns and not np.isnan(columns["target_z_m"][row[:, 0]]).all():
+        arrays |= {name: _gather(row[:, 0], [columns[name]]) for name in ("target_z_m", "target_z_std_m")}
+    for name, (rest, origin) in cls.EXACT.items():
+        arrays |= dict(zip((name, origin), about_origin(columns[name][row], columns[rest][row]), strict=True))
+    if LACKS_REFERENCE in columns and lacks_reference(columns, row):
+        arrays = with_reference_row(arrays, columns, row)
+    batch: Batch = cls(
+        scene=scene,
+        field=field,
+        dimension=dimension,
+        seed=np.zeros(row.shape[0], dtype=np.uint64) if seed is None else seed,
+        want_flags=flags,
+        want_details=flags and details,
+        want_trace=trace,
+        **arrays,
+    )
+    return batch
+
+
+@functools.cache
+def keep_freed_memory() -> None:
+    """Make glibc keep freed memory for the next block of snapshots; no effect with other C libraries.
+
+    glibc returns a freed block to the system if it is larger than any block freed before, or if twice that size is free
+    at the end of the heap: each block of snapshots would fault its pages in again, which takes a fifth of the time
+    of the fast methods. Freeing one large array, whose pages are never touched, raises both thresholds for good.
+    """
+    np.empty(_LARGEST_KEPT, dtype=np.uint8)
+
+
+def _gather(row: IntArray, parts: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
+    dense = np.empty(row.shape if len(parts) == 1 else (*row.shape, len(parts)), dtype=parts[0].dtype, order="F")
+    if len(parts) == 1:
+        dense[...] = parts[0][row]
+    else:
+        for axis, part in enumerate(parts):
+            dense[..., axis] = part[row]
+    dense.flags.writeable = False
+    return dense
 
 
 def _in_order(parts: Sequence[ChunkEstimates], alternatives: int) -> ChunkEstimates:
@@ -193,21 +295,3 @@ def _in_order(parts: Sequence[ChunkEstimates], alternatives: int) -> ChunkEstima
         return whole
     order = np.lexsort((whole.alternative, whole.target, whole.method, whole.snapshot))
     return whole.take(order[whole.alternative[order] < alternatives])
-
-
-def _scatter(size: int, parts: Sequence[tuple[IntArray, npt.NDArray[Any] | Words]]) -> npt.NDArray[Any] | Words:
-    """Return a flag column (N,) from its values at rows (B, K): null (NaN, None or masked) in all other rows."""
-    first = parts[0][1]
-    if isinstance(first, Words):
-        words = tuple(dict.fromkeys([None, *(word for _, part in parts for word in part.words)]))  # type: ignore[union-attr]
-        code = np.zeros(size, dtype=np.uint8)
-        for row, part in parts:
-            code[row] = np.array([words.index(word) for word in part.words], dtype=np.uint8)[part.code]  # type: ignore[union-attr]
-        return Words(code=code, words=words)
-    null, dtype = {"f": (np.nan, np.dtype(float)), "O": (None, first.dtype)}.get(first.dtype.kind, (0, first.dtype))
-    values = np.full(size, null, dtype=dtype)
-    unset = np.ones(size, dtype=bool)
-    for row, part in parts:
-        values[row] = part
-        unset[row] = False
-    return values if first.dtype.kind in "fO" else np.ma.MaskedArray(values, mask=unset)

@@ -12,7 +12,7 @@ from nlosctl.api import identify_los
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import parse_field
-from nlosctl.pipeline.solve.dense_batches import dense_batch
+from nlosctl.pipeline.solve.solve_chunk import dense_batch
 from nlosctl.reproduce.experiment import Chunk, Erratum, Paper
 from nlosctl.reproduce.liang.candidate_sets import CandidateSets, candidate_sets
 from nlosctl.reproduce.samples import Condition

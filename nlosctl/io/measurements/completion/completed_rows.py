@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy.typing as npt
 
 from nlosctl.io.measurements.column_mapping import ColumnPlan
+from nlosctl.io.measurements.completion.exact_numbers import REST
+from nlosctl.io.measurements.completion.references import arrival_plan, check_arrivals, resolve_references
 from nlosctl.io.measurements.dimensions import check_space, complete_directions, refuse_several_heights
-from nlosctl.io.measurements.exact_numbers import REST
-from nlosctl.io.measurements.references import arrival_plan, check_arrivals, resolve_references
 from nlosctl.io.measurements.row_checks import Fault
 from nlosctl.io.measurements.scene_columns import SceneColumns
 

@@ -13,7 +13,7 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.tables.arrivals import DIFFERENCES
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import ColumnPlan
-from nlosctl.io.measurements.exact_numbers import REST, refuse_rounded
+from nlosctl.io.measurements.completion.exact_numbers import REST, refuse_rounded
 from nlosctl.io.measurements.row_checks import Describe, Fault
 from nlosctl.io.measurements.scene_columns import SceneColumns
 

@@ -1,0 +1,1 @@
+"""What the columns of some files imply: three dimensions, and arrival times."""
