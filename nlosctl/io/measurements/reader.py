@@ -166,7 +166,7 @@ class MeasurementReader:
             raise DataError(f"{given.name}: no rows: the file has columns only")
 
     def _wanted(self, chunk: Chunk | None) -> Chunk | None:
-        """Return the chunk with what its columns imply, counted; None if there is none, or a fault stops the run."""
+        """Return the chunk with what its columns imply, counted; None without one, or if a fault stops the run."""
         if chunk is None or (self._tally.log.total and self._tally.log.stops_the_run):
             return None
         if not {"target_z_m", "reference"}.isdisjoint(chunk.columns):
