@@ -90,7 +90,8 @@ class BearingBatch(Batch):
     ``direction_std_rad`` replaces both standard deviations: that across the ray, equal in every direction, for
     residuals in the tangent plane of the measured direction; ``bearing_std_rad`` is then ``direction_std_rad /
     cos(elevation)``. ``sensor_frame`` (B, K, 3, 3) has each sensor's own axes (east, north, up) as rows, in the
-    coordinates of the batch, to which azimuths and elevations refer; None: the axes of the frame.
+    coordinates of the batch, to which azimuths and elevations refer; None: the axes of the frame. With
+    ``target_above_ground`` the measured height is that above the blocker of a sphere, or the ellipsoid.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -111,6 +112,7 @@ class BearingBatch(Batch):
         "elevation_rad": ("elevation_rad",),
         "elevation_std_rad": ("elevation_std_rad",),
         "direction_std_rad": ("direction_std_rad",),
+        "target_above_ground": ("target_above_ground",),
     }
     STDS: ClassVar[tuple[str, ...]] = ("bearing_std_rad", "range_std_m", "elevation_std_rad", "direction_std_rad")
 
@@ -129,6 +131,7 @@ class BearingBatch(Batch):
     elevation_rad: FloatArray | None = None
     elevation_std_rad: FloatArray | None = None
     direction_std_rad: FloatArray | None = None
+    target_above_ground: FloatArray | None = None
     sensor_frame: FloatArray | None = None
 
     @property

@@ -10,6 +10,7 @@ from datetime import datetime
 from nlosctl.errors import UsageError
 
 __all__ = [
+    "EARTH_RADIUS_M",
     "CircleReflector",
     "EarthFrame",
     "LineReflector",
@@ -21,6 +22,9 @@ __all__ = [
     "SphereReflector",
     "parse_frame",
 ]
+
+EARTH_RADIUS_M = 6_371_000.0
+"""The mean radius of the earth as a sphere."""
 
 _ORIGIN = "`origin`"
 _ON_ELLIPSOID = "ellipsoid"

@@ -34,6 +34,8 @@ def linear_lines(batch: BearingBatch) -> Sight:
     lines = bearing_lines(batch)
     if getattr(lines, "has_azimuth_alone", False):
         raise UsageError("a row by a sphere without an elevation has no plane for a linear fit; use the method ml")
+    if getattr(lines, "above_sphere", None) is not None:
+        raise UsageError("a height above a sphere has no plane for a linear fit; use the method ml")
     return lines
 
 

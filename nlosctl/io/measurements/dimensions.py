@@ -124,6 +124,8 @@ def complete_directions(plan: ColumnPlan, columns: dict[str, npt.NDArray[Any]], 
     if _HEIGHT not in columns:
         return
     height = columns[_HEIGHT]
+    if plan.mapped[_HEIGHT].name.endswith("_height_m"):
+        columns["target_above_ground"] = np.ones(height.shape)
     if _HEIGHT_STD not in columns:
         columns[_HEIGHT_STD] = np.where(np.isnan(height), np.nan, 0.0)
         return

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from datetime import datetime
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import msgspec
 
 from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.scene import (
+    EARTH_RADIUS_M,
     CircleReflector,
     EarthFrame,
     LineReflector,
@@ -164,13 +165,33 @@ class SphereEntry(Entry, tag_field="kind", tag="sphere"):
     scene_type = SphereReflector
 
     name: str
-    center: PointInSpace
-    radius: Number
+    center: PointInSpace | Literal["earth"]
+    radius: Number | None = None
     blocker_radius: Number | None = None
     min_elevation_deg: Number | None = None
+    height_m: Number | None = None
 
     def __post_init__(self) -> None:
-        _check_round(self.radius, self.blocker_radius, self.min_elevation_deg)
+        around = self.center == "earth"
+        for key, wanted in (("radius", not around), ("blocker_radius", not around), ("height_m", around)):
+            if getattr(self, key) is not None and not wanted:
+                raise EntryError(key, f"is not a key of a sphere {'about the earth' if around else 'with a center'}")
+        if around and not (self.height_m or 0.0) > 0.0:
+            raise EntryError("height_m", "missing or not above 0; a layer about the earth has a height in metres")
+        if not around:
+            if self.radius is None:
+                raise EntryError("radius", "missing; a sphere has a radius in metres")
+            _check_round(self.radius, self.blocker_radius, self.min_elevation_deg)
+
+    def to_scene(self) -> SphereReflector:
+        shared: dict[str, Any] = {"name": self.name, "min_elevation_deg": self.min_elevation_deg}
+        if self.center == "earth":
+            radius = EARTH_RADIUS_M + (self.height_m or 0.0)
+            center = (0.0, 0.0, -EARTH_RADIUS_M)
+            return SphereReflector(center=center, radius=radius, blocker_radius=EARTH_RADIUS_M, **shared)
+        return SphereReflector(
+            center=self.center, radius=self.radius or 0.0, blocker_radius=self.blocker_radius, **shared
+        )
 
 
 def _check_round(radius: float, blocker: float | None, elevation: float | None) -> None:

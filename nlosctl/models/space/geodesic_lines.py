@@ -15,10 +15,11 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, ignoring_division, ignoring_invalid
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.geometry.angles import wrap_angle
-from nlosctl.geometry.blocks import RowBlock, sum_measurements
+from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.earth_centred import geodesic_between, geodesic_end, local_axes, to_earth_centred, to_geodetic
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.sight import Crossing, RayResiduals
+from nlosctl.models.space.open_sky import OpenSky
 
 __all__ = ["GeodesicLines", "geodesic_lines"]
 
@@ -30,7 +31,7 @@ _ROUNDS = 4
 
 
 @dataclass(frozen=True)
-class GeodesicLines(RowBlock):
+class GeodesicLines(OpenSky):
     """Azimuths (B, K) from true north, clockwise, at sensors; angles in radians, ``height_m`` (B,) of the source.
 
     It has the interface `Sight` with D = 2; `absolute` gives earth-centred coordinates. Residuals are those of
@@ -56,9 +57,14 @@ class GeodesicLines(RowBlock):
         """Return the same azimuths with other standard deviations (B, K)."""
         return replace(self, std=std)
 
+    @property
+    def rows(self) -> int:
+        """The number of rows, K."""
+        return int(self.azimuth.shape[1])
+
     def scalars(self) -> int:
         """Return the number of azimuths of each snapshot."""
-        return int(self.azimuth.shape[1])
+        return self.rows
 
     def absolute(self, *point: FloatArray) -> tuple[FloatArray, ...]:
         """Return the earth-centred coordinates of points."""
@@ -97,10 +103,6 @@ class GeodesicLines(RowBlock):
 
     def paths_from(self, *point: FloatArray) -> None:
         """Return nothing: the other functions share no paths."""
-
-    def inside_circles(self, *point: FloatArray) -> tuple[FloatArray, ...]:
-        """Return the points: there are no circles."""
-        return point
 
     def residual(self, *point: FloatArray, paths: None = None) -> FloatArray:
         """Return measured minus predicted bearings (B, K)."""
@@ -173,14 +175,6 @@ class GeodesicLines(RowBlock):
     def outside_scene(self, *point: FloatArray, paths: None = None) -> BoolArray:
         """Return which points (B,) the scene rules out: none."""
         return np.zeros(point[0].shape, dtype=bool)
-
-    def under_horizon(self) -> BoolArray:
-        """Return which rows (B, K) have a direction from which no wave can come: none."""
-        return np.zeros(self.azimuth.shape, dtype=bool)
-
-    def all_under_horizon(self) -> BoolArray:
-        """Return in which snapshots (B,) all directions are such: in none."""
-        return np.zeros(self.latitude.shape, dtype=bool)
 
     def _middle(self) -> tuple[FloatArray, FloatArray]:
         return np.zeros(self.latitude.shape), np.zeros(self.latitude.shape)

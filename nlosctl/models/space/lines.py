@@ -16,26 +16,28 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.geometry.blocks import RowBlock, side_by_side
+from nlosctl.geometry.blocks import side_by_side
 from nlosctl.geometry.directions import length
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.obstacles import WallRows
 from nlosctl.models.sight import Crossing, RayResiduals
 from nlosctl.models.space.measured_angles import MeasuredAngles, Vector
 from nlosctl.models.space.measured_ranges import compare_range
+from nlosctl.models.space.open_sky import OpenSky
 from nlosctl.models.space.plane_mirrors import PlaneMirrors
 from nlosctl.models.space.sensor_axes import SensorAxes
+from nlosctl.models.space.sphere_height import SphereHeight
 
 __all__ = ["SpaceLines"]
 
 
 @dataclass(frozen=True)
-class SpaceLines(RowBlock):
+class SpaceLines(OpenSky):
     """Rays (B, K) in space about a local origin (B,), and a measured height of the source; see `Sight`.
 
     The scalars are K azimuths, K elevations, K ranges if ``measured_m`` (B, K) has any (NaN in rows without one; their
     std is that of the logarithm with ``is_lognormal``) and, unless it is exactly known (``is_held``), the height
-    ``height_m`` (B,). ``axes`` are None where all are those of the frame. Lengths in metres, stds in radians.
+    ``height_m`` (B,), or that ``above_sphere``. ``axes`` are None where all are the frame's. Metres and radians.
     """
 
     center: Vector
@@ -49,6 +51,7 @@ class SpaceLines(RowBlock):
     is_lognormal: bool = False
     height_m: FloatArray | None = None
     is_held: bool = False
+    above_sphere: SphereHeight | None = None
 
     @property
     def unknowns(self) -> int:
@@ -102,6 +105,9 @@ class SpaceLines(RowBlock):
         none = np.zeros((self.std.shape[0], self.std.shape[1] - 2 * self.rows))
         x, y, z = (side_by_side(*pair, none) for pair in zip(across, above, strict=True))
         z[:, self.of_rows :] = 1.0
+        if self.above_sphere is not None:
+            for part, up in zip((x, y, z), self.above_sphere.up(), strict=True):
+                part[:, self.of_rows] = up
         return x, y, z
 
     def offsets(self, normals: tuple[FloatArray, ...]) -> FloatArray:
@@ -113,6 +119,9 @@ class SpaceLines(RowBlock):
         a, b, c = normals
         parts = [a[:, of] * x + b[:, of] * y + c[:, of] * z for of in (slice(self.rows), slice(self.rows, count))]
         level = 0.0 if self.height_m is None else self.height_m[:, None]
+        if self.above_sphere is not None:
+            size = length((a[:, count:], b[:, count:], c[:, count:]))
+            return side_by_side(*parts, size * self.above_sphere.offset_m()[:, None])
         return side_by_side(*parts, c[:, count:] * level)
 
     def tube_width_m(self, *point: FloatArray) -> FloatArray:
@@ -126,10 +135,6 @@ class SpaceLines(RowBlock):
     def paths_from(self, *point: FloatArray) -> Any:
         """Return the scalars of `linearized` at points, for the other functions of the same points."""
         return list(self.linearized(*point))
-
-    def inside_circles(self, *point: FloatArray) -> tuple[FloatArray, ...]:
-        """Return the points: no row is seen by a circle."""
-        return point
 
     def linearized(
         self, *point: FloatArray, extra_m2: FloatArray | None = None, paths: Any = None
@@ -150,7 +155,11 @@ class SpaceLines(RowBlock):
         for k in range(0 if self.measured_m is None else self.rows):
             residual, slopes, _ = self.range_terms(whole, k)
             yield residual, slopes[: self.unknowns]
-        if self.height_m is not None and not self.is_held:
+        if self.above_sphere is not None:
+            residual, slopes = self.above_sphere.compare(whole)
+            inverse = 1.0 / self.std[:, -1]
+            yield residual * inverse, tuple(slope * inverse for slope in slopes)
+        elif self.height_m is not None and not self.is_held:
             inverse = 1.0 / self.std[:, -1]
             zero = np.zeros(inverse.shape)
             yield (self.height_m - whole[2]) * inverse, (zero, zero, -inverse)
@@ -272,14 +281,6 @@ class SpaceLines(RowBlock):
     def outside_scene(self, *point: FloatArray, paths: Any = None) -> BoolArray:
         """Return which points (B,) the scene rules out."""
         return np.asarray(self.unseen(*point, paths=paths).any(axis=1))
-
-    def under_horizon(self) -> BoolArray:
-        """Return which rows (B, K) have a direction from which no wave can come: these have no such limit."""
-        return np.zeros(self.origin[0].shape, dtype=bool)
-
-    def all_under_horizon(self) -> BoolArray:
-        """Return in which snapshots (B,) all directions are such."""
-        return np.asarray(self.under_horizon().all(axis=1))
 
     def whole(self, point: tuple[FloatArray, ...]) -> Vector:
         """Return points about the local origins with their height."""

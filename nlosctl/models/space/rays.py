@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import SphereReflector
+from nlosctl.errors import UsageError
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.directions import dot
 from nlosctl.models.obstacles import locate_walls
@@ -14,10 +17,14 @@ from nlosctl.models.space.lines import SpaceLines
 from nlosctl.models.space.measured_angles import MeasuredAngles, Vector
 from nlosctl.models.space.plane_mirrors import PlaneMirrors, gather_plane_mirrors
 from nlosctl.models.space.sensor_axes import SensorAxes
+from nlosctl.models.space.sphere_height import SphereHeight
 from nlosctl.models.space.sphere_lines import SphereLines
 from nlosctl.models.space.sphere_rows import SphereRows, locate_opaque_spheres, locate_sphere_rows
 
 __all__ = ["space_lines"]
+
+_LEAST_STD_M = 1.0
+"""A height above a sphere that is stated as exact is known to this: x, y and z stay the unknowns."""
 
 
 def space_lines(batch: BearingBatch) -> SpaceLines:
@@ -42,14 +49,28 @@ def space_lines(batch: BearingBatch) -> SpaceLines:
         axes=_axes(batch, mirrors),
         mirrors=None if mirrors is None else mirrors.about(x, y, z),
         walls=locate_walls(batch.scene, batch.reflector, x, y),
-        height_m=None if batch.target_z_m is None else batch.target_z_m - z,
-        is_held=batch.height_held,
+        **_height(batch, (x, y, z)),
     )
     if spheres is None:
         return lines
     opaque = locate_opaque_spheres(batch.scene, batch.reflector, sensor)
     return SphereLines(
         **vars(lines), spheres=spheres.about(x, y, z), opaque=tuple(rows.about(x, y, z) for rows in opaque)
+    )
+
+
+def _height(batch: BearingBatch, center: Vector) -> dict[str, Any]:
+    """Return the fields of `SpaceLines` of a measured height, above the x-y plane or the blocker of a sphere."""
+    if batch.target_z_m is None:
+        return {}
+    if batch.target_above_ground is None or batch.sensor_frame is not None:
+        return {"height_m": batch.target_z_m - center[2], "is_held": batch.height_held}
+    for reflector in batch.scene.reflectors:
+        if isinstance(reflector, SphereReflector) and reflector.blocker_radius is not None:
+            x, y, z = (at - part for at, part in zip(reflector.center, center, strict=True))
+            return {"above_sphere": SphereHeight((x, y, z), reflector.blocker_radius + batch.target_z_m)}
+    raise UsageError(
+        "target_height_m is above the blocker of a sphere, or the ellipsoid, but there is neither; name it target_z_m"
     )
 
 
@@ -88,8 +109,9 @@ def _stds(batch: BearingBatch, has_elevation: BoolArray) -> FloatArray:
     if elevation is None:
         elevation = np.ones(azimuth.shape)
     parts = [azimuth, np.where(has_elevation, elevation, 1.0)]
-    if batch.target_z_std_m is not None and not batch.height_held:
-        parts.append(batch.target_z_std_m[:, None])
+    if batch.target_z_std_m is not None and (batch.target_above_ground is not None or not batch.height_held):
+        least = 0.0 if batch.target_above_ground is None else _LEAST_STD_M
+        parts.append(np.maximum(batch.target_z_std_m, least)[:, None])
     return np.asfortranarray(np.concatenate(parts, axis=1))
 
 
