@@ -161,8 +161,7 @@ class SpaceLines(OpenSky):
             yield residual * inverse, tuple(slope * inverse for slope in slopes)
         elif self.height_m is not None and not self.is_held:
             inverse = 1.0 / self.std[:, -1]
-            zero = np.zeros(inverse.shape)
-            yield (self.height_m - whole[2]) * inverse, (zero, zero, -inverse)
+            yield (self.height_m - whole[2]) * inverse, (0.0 * inverse, 0.0 * inverse, -inverse)
 
     def compared(
         self, whole: Vector, k: int, extra_m2: FloatArray | None, paths: Any
