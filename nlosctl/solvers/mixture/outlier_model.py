@@ -128,6 +128,11 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
     product of both densities, as an outlier too: its range is then uniform over the search region's diagonal. The
     elevation of a row in space is Gaussian, that of an outlier uniform: one over the field of view and pi.
     """
+    is_geodesic = batch.sensor_frame is not None and batch.elevation_rad is None
+    if batch.dimension == 3 and (is_geodesic or batch.target_above_ground is not None):
+        raise UsageError(
+            "azimuths alone among places on earth, and heights above ground, have no model of outliers; use the method ml"
+        )
     lines: Any = bearing_lines(batch)
     if batch.dimension == _SPACE and type(lines) is not SpaceLines:
         raise UsageError("robust methods take no rows by spheres and no azimuths alone on the earth; use the method ml")
