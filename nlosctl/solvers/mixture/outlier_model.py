@@ -131,7 +131,7 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
     is_geodesic = batch.sensor_frame is not None and batch.elevation_rad is None
     if batch.dimension == 3 and (is_geodesic or batch.target_above_ground is not None):
         raise UsageError(
-            "azimuths alone among places on earth, and heights above ground, have no model of outliers; use the method ml"
+            "azimuths alone among places on earth, and heights above ground, have no outlier model; use the method ml"
         )
     lines: Any = bearing_lines(batch)
     if batch.dimension == _SPACE and type(lines) is not SpaceLines:
