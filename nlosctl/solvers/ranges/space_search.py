@@ -13,6 +13,9 @@ from nlosctl.solvers.ranges.squared_ranges import SquaredRangeFit, fit_squared_r
 
 __all__ = ["find_space_optima"]
 
+_PLAUSIBLE = 10.0
+"""Half a chi-square of at most this plus two per degree of freedom is that of a good fit."""
+
 _EQUAL = 1e-9
 """Costs that differ by a smaller share are equal."""
 
@@ -25,7 +28,7 @@ def find_space_optima(
     The descents start from the squared-range fit and its mirror image in the plane that fits the sensors best (where
     they coincide, from points beside it, since on the plane no derivative leads away from it), and with a measured
     height from the fits of the circles at that height. Of mirror images, whose costs are equal, the lower is the first:
-    that under a ceiling.
+    that under a ceiling. Beside a good fit, points that are a thousand nats worse are not followed.
     """
     starts = [*_images(rows, fit)]
     if rows.level is not None:
@@ -33,7 +36,8 @@ def find_space_optima(
         squared = rows.range_m * rows.range_m - (rows.sensor[2] - height[:, None]) ** 2
         flat = fit_squared_ranges(rows.sensor[:2], squared, 1.0 / (rows.std_m * rows.std_m))
         starts += [(*flat.point, height), (*flat.mirror, height)]
-    one, other = find_best_two(problem, rows, starts, max_iterations)
+    plausible = _PLAUSIBLE + 2.0 * rows.degrees_of_freedom.astype(np.float64)
+    one, other = find_best_two(problem, rows, starts, max_iterations, plausible)
     return _lower_first(one, other)
 
 
