@@ -26,6 +26,7 @@ EXAMPLES = [
     "over-the-horizon",
     "plotting",
     "settings",
+    "three-dimensions",
     "unknown-std",
     "windows",
 ]
