@@ -59,10 +59,13 @@ def frame(bench: Bench) -> Iterator[str]:
         trial = bench.ordinary(_SNAPSHOTS, measurements)
         reach = trial.size_m * 10.0 ** bench.generator.uniform(-1.0, 3.0)
         shift = bench.generator.uniform(-reach, reach, 2)
-        motion = Motion(angle_rad=bench.generator.uniform(-np.pi, np.pi), shift_m=(shift[0], shift[1]))
+        angle = bench.generator.uniform(-np.pi, np.pi)
+        lift = bench.generator.uniform(-reach, reach) if trial.batch.dimension == 3 else 0.0
+        motion = Motion(angle_rad=angle, shift_m=(shift[0], shift[1]), lift_m=lift)
         moved = bench.solve(move_batch(trial.batch, motion, bench.draw.directions))
         expected = _move_solution(bench.solve(trial.batch), motion)
-        for difference in close_solutions(expected, moved, max(trial.size_m, float(np.hypot(*shift)))):
+        size_m = max(trial.size_m, float(np.hypot(*shift)), abs(lift))
+        for difference in close_solutions(expected, moved, size_m):
             yield f"turned by {motion.angle_rad:.3f} rad and shifted by {np.hypot(*shift):.3g} m, {difference}"
 
 

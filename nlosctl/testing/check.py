@@ -14,6 +14,7 @@ from nlosctl.testing import answer_laws, form_laws
 from nlosctl.testing.bench import Bench, LawBroken
 from nlosctl.testing.draws import DRAWS, Draw
 from nlosctl.testing.reflected_draws import draws_of
+from nlosctl.testing.space_draws import space_draws_of
 
 __all__ = ["LAWS", "MethodLaw", "check_law", "check_method"]
 
@@ -53,13 +54,17 @@ LAWS = (
 """All laws, in the order in which `check_method` checks them."""
 
 
-def check_method(spec: MethodSpec, *, seed: int = 0, options: Any = None) -> None:
+def check_method(spec: MethodSpec, *, seed: int = 0, options: Any = None, in_space: bool = False) -> None:
     """Check all laws on a method; raises LawBroken, which names the law, the method and the violation.
 
     ``seed`` draws other batches. ``options`` replaces the default options; it is needed if an option has no default.
+    With ``in_space`` batches in three dimensions follow, for a method that declares them; searches take minutes.
     """
     for law in LAWS:
         check_law(spec, law, seed=seed, options=options)
+    for draw in space_draws_of(spec) if in_space else ():
+        for law in LAWS:
+            check_law(spec, law, seed=seed, options=options, draw=draw)
 
 
 def check_law(

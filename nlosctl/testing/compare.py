@@ -9,6 +9,7 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.results import FORM, MISFIT_FORM, Estimates, Flags, Solution, has_position
+from nlosctl.geometry.symmetric import SymmetricMatrix
 
 __all__ = ["close_solutions", "estimates_of", "same_bits"]
 
@@ -60,14 +61,14 @@ def close_solutions(expected: Solution, got: Solution, size_m: float) -> Iterato
 
 
 def _close_estimates(one: Estimates, other: Estimates, size_m: float) -> Iterator[str]:
-    std_m = np.sqrt(np.nan_to_num(np.abs(one.covariance_m2[:, 0]) + np.abs(one.covariance_m2[:, 2])))
+    trace = np.sum([np.abs(part) for part in SymmetricMatrix(*one.covariance_m2.T).diagonal], axis=0)
+    std_m = np.sqrt(np.nan_to_num(trace))
     allowed = _RELATIVE * size_m + _OF_STD * std_m
     answered = has_position(one.status)  # another law checks the rest
-    off = np.where(answered, np.hypot(*(one.position_m - other.position_m).T), np.nan)
+    off = np.where(answered, np.linalg.norm(one.position_m - other.position_m, axis=1), np.nan)
     worst = _worst(off / allowed)
     if worst is not None:
         yield f"the fix of estimate {worst} is off by {off[worst]:.3g} m, more than {allowed[worst]:.3g} m"
-    trace = np.abs(one.covariance_m2[:, 0]) + np.abs(one.covariance_m2[:, 2])
     change = np.abs(one.covariance_m2 - other.covariance_m2).max(axis=1, initial=0.0) / (1e-5 * trace)
     worst = _worst(change)
     if worst is not None:

@@ -19,6 +19,7 @@ from nlosctl.contract.result_checks import form_faults, null_faults
 from nlosctl.contract.results import Estimates, has_covariance, has_position
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.testing.bench import Bench
 from nlosctl.testing.compare import estimates_of, same_bits
 from nlosctl.testing.moves import copy_batch
@@ -56,8 +57,9 @@ def specification(bench: Bench) -> Iterator[str]:
 def shapes(bench: Bench) -> Iterator[str]:
     """All arrays of the result have the shapes and types of the contract."""
     for measurements in bench.usual_measurements:
-        estimates = bench.solve(bench.ordinary(_SNAPSHOTS, measurements).batch).estimates
-        yield from form_faults(estimates, exact_types=True)
+        batch = bench.ordinary(_SNAPSHOTS, measurements).batch
+        estimates = bench.solve(batch).estimates
+        yield from form_faults(estimates, batch.dimension, exact_types=True)
         if (estimates.covariance_kind or "") not in (bench.spec.covariance_kinds or ("",)):
             yield f"covariance_kind is {estimates.covariance_kind!r}, declared are {bench.spec.covariance_kinds}"
         if not set(estimates.columns) <= set(bench.spec.estimate_columns):
@@ -97,13 +99,15 @@ def null(bench: Bench) -> Iterator[str]:
 
 
 def covariance(bench: Bench) -> Iterator[str]:
-    """A covariance is that of an ellipse: both its eigenvalues are positive."""
+    """A covariance is that of an ellipse, or ellipsoid: all its eigenvalues are positive."""
     for measurements in bench.usual_measurements:
         estimates = bench.solve(bench.ordinary(4 * _SNAPSHOTS, measurements).batch).estimates
         for number in np.flatnonzero(~np.isnan(estimates.covariance_m2).any(axis=1)):
-            xx, xy, yy = estimates.covariance_m2[number]
+            xx, xy, yy, *upright = estimates.covariance_m2[number]
             if not (xx > 0.0 and yy > 0.0 and abs(xy) < np.sqrt(xx) * np.sqrt(yy)):
                 yield f"xx, xy, yy are {estimates.covariance_m2[number]}"
+            if upright and not np.isfinite(SymmetricMatrix(*estimates.covariance_m2[number]).determinant):
+                yield f"xx, xy, yy, xz, yz, zz are {estimates.covariance_m2[number]}"
 
 
 def flags(bench: Bench) -> Iterator[str]:
@@ -153,7 +157,7 @@ def read_only(bench: Bench) -> Iterator[str]:
                 bench.spec.solve(given, bench.options)
             for field in dataclasses.fields(batch):
                 before, after = getattr(batch, field.name), getattr(given, field.name)
-                if isinstance(before, np.ndarray) and not np.array_equal(before, after):
+                if isinstance(before, np.ndarray) and not np.array_equal(before, after, equal_nan=True):
                     yield f"{field.name} was changed"
 
 

@@ -31,10 +31,11 @@ __all__ = ["Motion", "copy_batch", "move_batch", "permute_measurements", "replac
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """A turn of the frame about its origin, counter-clockwise, and then a shift in metres."""
+    """A turn of the frame about its origin, counter-clockwise, and then a shift in metres; in space about z."""
 
     angle_rad: float
     shift_m: tuple[float, float]
+    lift_m: float = 0.0
 
     def point(self, xy: tuple[float, float]) -> tuple[float, float]:
         """Return the image of a point."""
@@ -46,22 +47,26 @@ class Motion:
         cosine, sine = float(np.cos(self.angle_rad)), float(np.sin(self.angle_rad))
         return cosine * xy[0] - sine * xy[1], sine * xy[0] + cosine * xy[1]
 
-    def points(self, xy: FloatArray) -> FloatArray:
-        """Return the images of points (..., 2)."""
+    def points(self, points: FloatArray) -> FloatArray:
+        """Return the images of points (..., 2), or (..., 3)."""
         cosine, sine = np.cos(self.angle_rad), np.sin(self.angle_rad)
-        x, y = xy[..., 0], xy[..., 1]
-        turned = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
-        return np.asfortranarray(turned + np.array(self.shift_m))
+        x, y = points[..., 0], points[..., 1]
+        turned = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1) + np.array(self.shift_m)
+        return np.asfortranarray(np.concatenate([turned, points[..., 2:] + self.lift_m], axis=-1))
 
-    def covariances(self, xx_xy_yy: FloatArray) -> FloatArray:
-        """Return what covariances (E, 3) become."""
+    def covariances(self, parts: FloatArray) -> FloatArray:
+        """Return what covariances (E, 3), or (E, 6) in space, become."""
         cosine, sine = np.cos(self.angle_rad), np.sin(self.angle_rad)
-        xx, xy, yy = xx_xy_yy.T
+        xx, xy, yy, *upright = parts.T
+        if upright:
+            xz, yz, zz = upright
+            upright = [cosine * xz - sine * yz, sine * xz + cosine * yz, zz]
         return np.stack(
             [
                 cosine**2 * xx - 2.0 * cosine * sine * xy + sine**2 * yy,
                 cosine * sine * (xx - yy) + (cosine**2 - sine**2) * xy,
                 sine**2 * xx + 2.0 * cosine * sine * xy + cosine**2 * yy,
+                *upright,
             ],
             axis=1,
         )
@@ -109,6 +114,8 @@ def move_batch(batch: Any, motion: Motion, directions: tuple[str, ...]) -> Any:
     def move(name: str, array: Any) -> Any:
         if name.endswith("_xy_m"):
             return motion.points(array)
+        if name.endswith("_z_m"):
+            return array + motion.lift_m
         return wrap_angle(array + motion.angle_rad) if name in directions else array.copy(order="F")
 
     return dataclasses.replace(
@@ -148,11 +155,13 @@ def _move_reflector(reflector: Reflector, motion: Motion) -> Reflector:
         case CircleReflector():
             return dataclasses.replace(reflector, center=motion.point(reflector.center))
         case PlaneReflector():
-            foot = (*motion.point(reflector.point[:2]), reflector.point[2])
+            foot = (*motion.point(reflector.point[:2]), reflector.point[2] + motion.lift_m)
             normal = (*motion.direction(reflector.normal[:2]), reflector.normal[2])
             return dataclasses.replace(reflector, point=foot, normal=normal)
         case SphereReflector():
-            return dataclasses.replace(reflector, center=(*motion.point(reflector.center[:2]), reflector.center[2]))
+            return dataclasses.replace(
+                reflector, center=(*motion.point(reflector.center[:2]), reflector.center[2] + motion.lift_m)
+            )
 
 
 def _with_arrays(batch: Any, change: Callable[[str, Any], Any]) -> Any:

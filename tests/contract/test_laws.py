@@ -7,6 +7,8 @@ from method_options import BUILT_IN, options_of
 
 from nlosctl import registry
 from nlosctl.testing import LAWS, MethodLaw, check_law
+from nlosctl.testing.draws import Draw
+from nlosctl.testing.space_draws import space_draws_of
 
 QUICK = {"bearings.stansfield", "ranges.sr-ls"}
 """Methods whose laws `make test-fast` checks; every other run checks all."""
@@ -27,6 +29,26 @@ def test_built_in_methods_are_registered() -> None:
 def test_a_built_in_method_obeys_the_law(entry: registry.MethodEntry, law: MethodLaw) -> None:
     """A built-in method obeys every law."""
     check_law(registry.load(entry), law, options=options_of(entry))
+
+
+IN_SPACE = [
+    pytest.param(
+        entry,
+        draw,
+        id=f"{entry.full_name}-{number}",
+        marks=[] if entry.full_name in {"bearings.ls", "bearings.stansfield"} else [pytest.mark.slow],
+    )
+    for entry in BUILT_IN
+    for number, draw in enumerate(space_draws_of(registry.load(entry)))
+]
+
+
+@pytest.mark.extensive
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+@pytest.mark.parametrize(("entry", "draw"), IN_SPACE)
+def test_a_built_in_method_obeys_the_law_in_space(entry: registry.MethodEntry, draw: Draw, law: MethodLaw) -> None:
+    """A method that declares three dimensions obeys every law on batches in space."""
+    check_law(registry.load(entry), law, options=options_of(entry), draw=draw)
 
 
 @pytest.mark.slow

@@ -1,8 +1,7 @@
 """Bearings in space: azimuths, with elevations or without, of direct rows and of rows seen in plane mirrors.
 
 A row seen in a mirror is unfolded as in the plane: its origin is the sensor's image, and ``axes`` turn the vector from
-there to the source into what the sensor sees, v = H (x - p) + p - s with H = 1 - 2 n n'. The mathematics is in
-docs/three-dimensions.md.
+there to the source into what the sensor sees, v = H (x - p) + p - s, equation (3) of docs/three-dimensions.md.
 """
 
 from __future__ import annotations
@@ -134,7 +133,8 @@ class SpaceLines(OpenSky):
 
     def paths_from(self, *point: FloatArray) -> Any:
         """Return the scalars of `linearized` at points, for the other functions of the same points."""
-        return list(self.linearized(*point))
+        with ignoring_overflow():
+            return list(self.linearized(*point))
 
     def linearized(
         self, *point: FloatArray, extra_m2: FloatArray | None = None, paths: Any = None

@@ -210,8 +210,8 @@ def judge_optima(
 
 def _gauss_newton_gain(lines: Sight, point: Point, paths: Any) -> FloatArray:
     """Return by how much a Gauss-Newton step from points (B,) lowers the chi-square of the linearized residuals."""
-    slopes = lines.slopes(*point, paths=paths)
     with ignoring_overflow():
+        slopes = lines.slopes(*point, paths=paths)
         scaled = lines.residual(*point, paths=paths) / lines.std
         gradient = tuple(sum_measurements(slope * scaled) for slope in slopes)
         step = SymmetricMatrix.gram(*slopes).solve(*gradient)
@@ -276,7 +276,8 @@ def _inflated_information(lines: Sight, point: Point) -> InflatedCovariance:
 
 def bearing_flags(batch: BearingBatch, lines: Sight, status: StatusArray, *point: FloatArray) -> Flags:
     """Return the flags of fixes (B,): ``used``, residuals, and ``under_horizon`` where the scene has circles."""
-    flags = Flags.of_fixes(status, lines.residuals(batch, *point))
+    with ignoring_overflow():
+        flags = Flags.of_fixes(status, lines.residuals(batch, *point))
     if not batch.scene.has_circles:
         return flags
     return replace(flags, columns={**flags.columns, "under_horizon": lines.under_horizon()})
