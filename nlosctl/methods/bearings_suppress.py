@@ -97,7 +97,7 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     mode, settled, at_boundary = follow_best(candidates, found.fixes, outside)
     to_judge = FixesToJudge(found.fixes, probability, found.used, mode, settled, at_boundary, found.candidates)
     judged = judge_robust_fixes(model, groups, options, to_judge, outside, too_few=model.too_few())
-    estimates = ranked_estimates(judged.fixes, judged.status, (lines.center_x, lines.center_y), "inliers")
+    estimates = ranked_estimates(judged.fixes, judged.status, lines.center, "inliers", model.held_m)
     estimates = replace(estimates, search_failure=failure[estimates.row])
     if not batch.want_flags:
         return Solution(estimates=estimates)
@@ -138,11 +138,12 @@ METHOD = MethodSpec(
     solve=solve,
     cost="negative log-likelihood of the mixture, in nats",
     minimum_measurements=1,
-    flags=("los", "los_probability", "residual_rad", "residual_m"),
-    flags_needing={"residual_m": "range_m"},
+    flags=("los", "los_probability", "residual_rad", "residual_elevation_rad", "residual_m"),
+    flags_needing={"residual_m": "range_m", "residual_elevation_rad": "elevation_rad"},
     searches=True,
     covariance_kinds=("inliers",),
     randomized=True,
     exempt_from=frozenset({"order"}),
+    dimensions=(2, 3),
     reads=frozenset({"range_m", "range_std_m", "path"}),
 )

@@ -10,11 +10,14 @@ import numpy as np
 from scipy.special import erf
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_overflow
-from nlosctl.contract.step_progress import note_step
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
+from nlosctl.models.space.lines import SpaceLines
+from nlosctl.solvers.bearings.ray_crossings import Candidates
 from nlosctl.solvers.bearings.row_terms import tube_width_m
+from nlosctl.solvers.bearings.space_crossings import ends_at_height, ends_of_ranges
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
+from nlosctl.solvers.sequential.growing_sets import GrowingSets, SetState, may_pair, put_states
 from nlosctl.solvers.sequential.polar_updates import (
     SourceState,
     bootstrap_state,
@@ -23,7 +26,7 @@ from nlosctl.solvers.sequential.polar_updates import (
     update_bearings,
     update_ranges,
 )
-from nlosctl.solvers.sequential.set_scores import SetScores
+from nlosctl.solvers.sequential.space_sets import SpaceSets, SpaceState, start_in_space
 
 __all__ = ["Hypotheses", "bearing_threshold_rad", "grow_hypotheses", "lone_hypotheses", "range_threshold_m"]
 
@@ -36,7 +39,7 @@ _VALUES = 1 << 16
 class Hypotheses:
     """Estimates (B, M), one from each pair, and the rows (B, M, K) that each rests on."""
 
-    state: SourceState
+    state: SetState
     used: BoolArray
 
 
@@ -97,26 +100,46 @@ def grow_hypotheses(
     the set then stay below their thresholds; or, ``by_likelihood``, if (23) does not get worse. Rows of one group
     (paths of one sensor) are never together in a set; a pair from one group is discarded.
     """
-    state = _start(model, first, second, lognormal)
+    in_space = isinstance(model.lines, SpaceLines)
+    state: Any = start_in_space(model, first, second) if in_space else _start(model, first, second, lognormal)
     snapshot, index = np.nonzero(state.alive)
     used = np.zeros((*first.shape, model.mixture.count), dtype=bool)
     block = max(1, _VALUES // model.mixture.count)
     for start in range(0, snapshot.shape[0], block):
         at = snapshot[start : start + block], index[start : start + block]
-        growth = _Growth.start(model.take(at[0]), first[at][:, None], second[at][:, None], lognormal)
-        growth.run(alpha, field_of_view_deg, by_likelihood)
-        growth.put(at, state)
-        used[at] = growth.used
+        part, pair = model.take(at[0]), (first[at][:, None], second[at][:, None])
+        sets: GrowingSets
+        if in_space:
+            sets = SpaceSets.start(part, *pair)
+        else:
+            sets = _PlaneSets.start(part, *pair, _limits(part, alpha, field_of_view_deg), lognormal=lognormal)
+        sets.run(by_likelihood=by_likelihood)
+        put_states(at, sets.state, state)
+        used[at] = sets.used
     return Hypotheses(state, used)
 
 
 def lone_hypotheses(model: OutlierModel) -> Hypotheses:
-    """Return what snapshots of one row (B, 1) determine: the end of its ray at its range, where it has one."""
+    """Return what snapshots of one row (B, 1) determine: the end of its ray at its range, or at a measured height."""
+    if isinstance(model.lines, SpaceLines):
+        return _lone_in_space(model)
     nothing = np.full((model.minimum_range_m.shape[0], 1), np.nan)
     state = SourceState(nothing, nothing, SymmetricMatrix(nothing, nothing, nothing), np.isfinite(nothing))
     row = np.zeros(nothing.shape, dtype=np.int64)
     state = ranged_state(select_rays(model.lines, row, model.measured_m, model.range_std_m)) or state
     return Hypotheses(state, state.alive[..., None])
+
+
+def _lone_in_space(model: OutlierModel) -> Hypotheses:
+    shape = model.minimum_range_m.shape[0], 1
+    found = None if model.measured_m is None else ends_of_ranges(model.lines, model.measured_m)
+    if found is None and model.height_m is not None:
+        found = ends_at_height(model.lines)
+    if found is None:
+        nowhere = tuple(np.zeros(shape) for _ in range(model.mixture.dimension))
+        found = Candidates(nowhere, np.zeros(shape, dtype=bool))
+    information = SymmetricMatrix.full(shape, np.nan, model.mixture.dimension)
+    return Hypotheses(SpaceState(found.point, information, found.valid), found.valid[..., None])
 
 
 def _start(model: OutlierModel, first: IntArray, second: IntArray, lognormal: bool) -> SourceState:
@@ -125,64 +148,40 @@ def _start(model: OutlierModel, first: IntArray, second: IntArray, lognormal: bo
     state = bootstrap_state(rows[0], rows[1])
     for row in rows:
         state = update_ranges(state, row, lognormal=lognormal)
-    leaders = [np.take_along_axis(model.leader, index, axis=1) for index in (first, second)]
-    share = [np.take_along_axis(model.share, index, axis=1) for index in (first, second)]
-    alive = state.alive & (leaders[0] != leaders[1]) & (share[0] > 0.0) & (share[1] > 0.0)
-    return SourceState(state.x, state.y, state.covariance, alive)
+    return SourceState(state.x, state.y, state.covariance, state.alive & may_pair(model, first, second))
 
 
 @dataclass
-class _Growth:
-    """N sets while they grow, each with a model of K rows of its own; the state's arrays are (N, 1), all others (N, K).
+class _PlaneSets(GrowingSets):
+    """Sets in the plane, updated in the polar frames of their rows."""
 
-    ``misfit`` is the residual of a row that is left in standard deviations, infinite in rows that are not.
-    """
-
-    model: OutlierModel
-    lines: SightLines
-    lognormal: bool
-    state: SourceState
-    used: BoolArray
-    left: BoolArray
-    misfit: FloatArray
-    scores: SetScores | None = None
-    cost: FloatArray | None = None
+    lines: SightLines | None = None
+    limits: Thresholds | None = None
+    lognormal: bool = False
 
     @classmethod
-    def start(cls, model: OutlierModel, first: IntArray, second: IntArray, lognormal: bool) -> _Growth:
-        leaders = [np.take_along_axis(model.leader, index, axis=1) for index in (first, second)]
+    def start(
+        cls, model: OutlierModel, first: IntArray, second: IntArray, limits: Thresholds, *, lognormal: bool
+    ) -> _PlaneSets:
+        """Return sets that begin with pairs of rows ``first``, ``second`` (N, 1) of their models."""
+        shape, lines = model.leader.shape, _along_rows(model.lines)
+        used, left = np.zeros_like(model.leader, dtype=bool), np.ones(shape, dtype=bool)
         state = _start(model, first, second, lognormal)
-        used = np.zeros_like(model.leader, dtype=bool)
-        for index in (first, second):
-            np.put_along_axis(used, index, True, axis=1)
-        left = (leaders[0] != model.leader) & (leaders[1] != model.leader) & (model.share > 0.0)
-        growth = cls(model, _along_rows(model.lines), lognormal, state, used, left, np.full(left.shape, np.inf))
-        growth.note_misfits(growth.residuals(state), np.True_)
-        return growth
+        sets = cls(model, state, used, left, np.full(shape, np.inf), lines=lines, limits=limits, lognormal=lognormal)
+        sets.prepare(first, second)
+        return sets
 
-    def run(self, alpha: float, field_of_view_deg: float, by_likelihood: bool) -> None:
-        """Take steps until no set has a row left."""
-        model, range_m = self.model, None
-        if model.range_std_m is not None:
-            range_m = range_threshold_m(model.range_std_m, alpha, model.extent_m[:, None])
-        limits = Thresholds(bearing_threshold_rad(self.lines.std_rad, alpha, field_of_view_deg), range_m)
-        for step in range(model.mixture.count - 2):
-            note_step(step, model.mixture.count)
-            if not self.step(limits, by_likelihood):
-                break
-
-    def put(self, at: tuple[IntArray, IntArray], state: SourceState) -> None:
-        """Write these states (N, 1) into those of a block (B, M)."""
-        state.x[at], state.y[at] = self.state.x[:, 0], self.state.y[:, 0]
-        state.covariance.put(at, self.state.covariance.at(slice(None), 0))
-        state.alive[at] = self.state.alive[:, 0]
+    def updated(self, chosen: IntArray) -> SourceState:
+        """Return the states updated by the bearings and ranges of the rows ``chosen`` (N, 1)."""
+        rows = select_rays(self.model.lines, chosen, self.model.measured_m, self.model.range_std_m)
+        return update_ranges(update_bearings(self.state, rows), rows, lognormal=self.lognormal)
 
     def residuals(self, state: SourceState) -> Residuals:
         """Return the sizes of all rows' residuals: bearing (radians) and, where rows have ranges, range (metres).
 
         Bearings seen on a circle are scaled as if their ray tubes were not focused.
         """
-        lines, measured, ranges = self.lines, self.model.measured_m, None
+        lines, measured, ranges = self._lines, self.model.measured_m, None
         with ignoring_overflow():
             dx, dy = state.x - lines.origin_x, state.y - lines.origin_y
             bearing = np.abs(np.arctan2(lines.sine * dx - lines.cosine * dy, lines.cosine * dx + lines.sine * dy))
@@ -194,57 +193,31 @@ class _Growth:
                 ranges = np.abs(measured - np.sqrt(dx * dx + dy * dy))
         return Residuals(bearing, ranges)
 
-    def note_misfits(self, residuals: Residuals, where: BoolArray | np.bool_) -> None:
-        """Keep the residuals of the rows that are left, in standard deviations, of the sets ``where`` (N, 1)."""
-        misfit = residuals.bearing_rad / self.lines.std_rad
+    def below_limits(self, residuals: Residuals) -> BoolArray:
+        """Return which rows (N, K) are below their thresholds (25)."""
+        assert self.limits is not None  # noqa: S101 - set by `start`
+        return residuals.below(self.limits)
+
+    def in_stds(self, residuals: Residuals) -> FloatArray:
+        """Return the sizes (N, K) of residuals in standard deviations, those of bearing and range together."""
+        misfit: FloatArray = residuals.bearing_rad / self._lines.std_rad
         if residuals.range_m is not None and self.model.range_std_m is not None:
             scaled = residuals.range_m / self.model.range_std_m
             misfit = np.where(np.isnan(scaled), misfit, np.hypot(misfit, np.nan_to_num(scaled)))
-        np.copyto(misfit, np.inf, where=np.isnan(misfit))
-        np.copyto(self.misfit, misfit, where=where & self.left)
+        return misfit
 
-    def step(self, limits: Thresholds, by_likelihood: bool) -> bool:
-        """Combine the best of the rows left (steps 2-4), and take it from those left (step 5); False: none was left."""
-        chosen = np.argmin(self.misfit, axis=1)[:, None]
-        any_left = np.isfinite(np.take_along_axis(self.misfit, chosen, axis=1))
-        if not any_left.any():
-            return False
-        rows = select_rays(self.model.lines, chosen, self.model.measured_m, self.model.range_std_m)
-        trial = update_ranges(update_bearings(self.state, rows), rows, lognormal=self.lognormal)
-        residuals = self.residuals(trial)
-        joined = self.used.copy()
-        np.put_along_axis(joined, chosen, True, axis=1)
-        accepted = any_left & trial.alive
-        if by_likelihood:
-            accepted = self._likelier(trial, accepted)
-        else:
-            accepted &= (residuals.below(limits) | ~joined).all(axis=1, keepdims=True)
-        np.copyto(self.used, joined, where=accepted)
-        np.put_along_axis(self.left, chosen, False, axis=1)
-        np.put_along_axis(self.misfit, chosen, np.inf, axis=1)
-        if self.model.mixture.last is not None:
-            group = np.take_along_axis(self.model.leader, chosen, axis=1)
-            rivals = accepted & (self.model.leader == group)
-            self.left &= ~rivals
-            np.copyto(self.misfit, np.inf, where=rivals)
-        self.note_misfits(residuals, accepted)
-        self.state = trial.where(accepted, self.state)
-        return True
-
-    def _likelier(self, trial: SourceState, possible: BoolArray) -> BoolArray:
-        """Return where, of the ``possible``, (23) at the trial state is not worse than at the present one."""
-        with ignoring_overflow():
-            if self.scores is None or self.cost is None:
-                self.scores = SetScores.of(self.model.mixture)
-                self.cost = _score(self.scores, self.state)
-            cost = _score(self.scores, trial)
-            better: BoolArray = possible & (cost <= self.cost)
-        self.cost = np.where(better, cost, self.cost)
-        return better
+    @property
+    def _lines(self) -> SightLines:
+        assert self.lines is not None  # noqa: S101 - set by `start`
+        return self.lines
 
 
-def _score(scores: SetScores, state: SourceState) -> FloatArray:
-    return np.where(state.alive, scores.at(state.x, state.y), np.inf)
+def _limits(model: OutlierModel, alpha: float, field_of_view_deg: float) -> Thresholds:
+    """Return the thresholds (25) of all rows."""
+    range_m = None
+    if model.range_std_m is not None:
+        range_m = range_threshold_m(model.range_std_m, alpha, model.extent_m[:, None])
+    return Thresholds(bearing_threshold_rad(model.lines.std_rad, alpha, field_of_view_deg), range_m)
 
 
 def _along_rows(lines: SightLines) -> SightLines:

@@ -6,21 +6,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_division
+from nlosctl.geometry.blocks import rows_of
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.space.lines import SpaceLines
 from nlosctl.solvers.bearings.joint_range_bearing import RangedBearingProblem
 from nlosctl.solvers.bearings.line_fits import inflate_near_sensors
 from nlosctl.solvers.bearings.row_terms import DirectBearings
+from nlosctl.solvers.bearings.space_row_terms import DirectDirections
 
 __all__ = ["inlier_covariance"]
 
 
-def inlier_covariance(rows: DirectBearings, used: BoolArray, x: FloatArray, y: FloatArray) -> SymmetricMatrix:
-    """Return the inverse information (N,) at points x, y (N,) of the rows marked by ``used`` (N, K).
+def inlier_covariance(rows: DirectBearings | DirectDirections, used: BoolArray, *point: FloatArray) -> SymmetricMatrix:
+    """Return the inverse information (N,) at points (N,) of the rows marked by ``used`` (N, K).
 
     It is wider near a sensor (`inflate_near_sensors`). A row seen on a circle has the weight of its ray tube's width at
     the point. The covariance of the sequential updates, (10), is linearized where the set began.
     """
+    if isinstance(rows, DirectDirections):
+        return _in_space(rows.lines, used, point)
+    x, y = point
     range_m = rows.lines.range_m(x, y)
     nearest = np.where(used, range_m, np.inf)
     if rows.lines.circles is not None:  # their origins are images, not sensors
@@ -38,3 +44,15 @@ def inlier_covariance(rows: DirectBearings, used: BoolArray, x: FloatArray, y: F
 
     every = np.arange(x.shape[0])
     return inflate_near_sensors(covariance(every, np.zeros(x.shape)), nearest.min(axis=1), covariance)
+
+
+def _in_space(lines: SpaceLines, used: BoolArray, point: Point) -> SymmetricMatrix:
+    kinds = lines.of_rows // lines.rows
+    std = np.where(np.concatenate([used] * kinds, axis=1), lines.std[:, : lines.of_rows], np.inf)
+    masked = lines.with_std(std)
+
+    def covariance(which: IntArray, extra_m2: FloatArray) -> SymmetricMatrix:
+        return masked.take(which).information(*rows_of(point, which), extra_m2=extra_m2).inverse()
+
+    nearest_m = np.where(used, lines.range_m(*point), np.inf).min(axis=1)
+    return inflate_near_sensors(masked.information(*point).inverse(), nearest_m, covariance)

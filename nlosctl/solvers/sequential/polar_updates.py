@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_overflow
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.solvers.bearings.row_terms import tube_width_m
@@ -35,6 +35,11 @@ class SourceState:
     y: FloatArray
     covariance: SymmetricMatrix
     alive: BoolArray
+
+    @property
+    def point(self) -> Point:
+        """The positions as two arrays."""
+        return self.x, self.y
 
     def where(self, first: BoolArray, other: SourceState) -> SourceState:
         """Return these states where ``first``, the others elsewhere."""

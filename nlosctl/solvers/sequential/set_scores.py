@@ -13,6 +13,8 @@ from nlosctl.solvers.mixture.mixture_rows import MixtureRows
 
 __all__ = ["SetScores"]
 
+_PLANE = 2
+
 
 @dataclass(frozen=True)
 class SetScores:
@@ -30,16 +32,16 @@ class SetScores:
     @classmethod
     def of(cls, mixture: Mixture) -> SetScores:
         """Return the scores of a block."""
-        single = mixture.last is None and mixture.outliers is None
+        single = mixture.last is None and mixture.outliers is None and mixture.dimension == _PLANE
         apart = _rows_apart(mixture.rows, mixture.count) if single else None
         return cls(mixture, apart, np.ascontiguousarray(mixture.log_direct))
 
-    def at(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def at(self, *point: FloatArray) -> FloatArray:
         """Return the cost (N, 1) of points (N, 1), as `Mixture.score` does."""
         if self.apart is None:
-            return self.mixture.score(x, y)
+            return self.mixture.score(*point)
         shape = self.log_direct.shape
-        each = [np.repeat(part, shape[1], axis=0) for part in (x, y)]
+        each = [np.repeat(part, shape[1], axis=0) for part in point]
         direct = self.log_direct - self.apart.half_chi_square(0, *each).reshape(shape)
         np.exp(direct, out=direct)
         direct += self.mixture.obstructed[:, None]

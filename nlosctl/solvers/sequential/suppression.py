@@ -43,13 +43,13 @@ class SuppressedFixes:
     candidates: BoolArray
 
     @classmethod
-    def empty(cls, size: int, count: int) -> SuppressedFixes:
+    def empty(cls, size: int, count: int, dimension: int) -> SuppressedFixes:
         """Return ``size`` snapshots of ``count`` rows without a fix."""
         shape = (size, _KEPT)
         fixes = RankedFixes(
-            (np.full(shape, np.nan), np.full(shape, np.nan)),
+            tuple(np.full(shape, np.nan) for _ in range(dimension)),
             np.full(shape, np.inf),
-            SymmetricMatrix.full(shape, np.nan),
+            SymmetricMatrix.full(shape, np.nan, dimension),
             np.zeros(shape, np.int64),
             Misfit.unknown(shape),
         )
@@ -85,7 +85,7 @@ def suppress_outliers(
     notes the crossings outside of it. ``growth`` are the keywords of `grow_hypotheses`.
     """
     count = candidates.model.mixture.count
-    result = SuppressedFixes.empty(seed.shape[0], count)
+    result = SuppressedFixes.empty(seed.shape[0], count, candidates.model.mixture.dimension)
     if count == 1:
         every = np.arange(seed.shape[0])
         result.put(every, _rank(candidates, candidates.model, every, lone_hypotheses(candidates.model)))
@@ -173,11 +173,11 @@ def _possible_first(model: OutlierModel, first: IntArray, second: IntArray) -> t
 def _rank(candidates: BearingCandidates, model: OutlierModel, rows: IntArray, grown: Hypotheses) -> SuppressedFixes:
     """Rank the estimates inside the search region by their likelihood (23); drop those near a better one."""
     state = grown.state
-    inside = state.alive & candidates.allowed(rows, state.x, state.y)
+    inside = state.alive & candidates.allowed(rows, *state.point)
     with ignoring_overflow():
-        cost = np.where(inside, model.mixture.score(state.x, state.y), np.inf)
+        cost = np.where(inside, model.mixture.score(*state.point), np.inf)
     size = cost.shape[0]
-    result = SuppressedFixes.empty(size, model.mixture.count)
+    result = SuppressedFixes.empty(size, model.mixture.count, model.mixture.dimension)
     result.candidates[:] = inside.any(axis=1)
     snapshot = np.arange(size)
     fixes = result.fixes
@@ -187,7 +187,7 @@ def _rank(candidates: BearingCandidates, model: OutlierModel, rows: IntArray, gr
         if not valid.any():
             break
         at, index = snapshot[valid], index[valid]
-        point = state.x[at, index], state.y[at, index]
+        point = tuple(part[at, index] for part in state.point)
         for mine, values in zip(fixes.point, point, strict=True):
             mine[at, t] = values
         fixes.cost[at, t] = _exact_cost(model, at, *point)
@@ -198,7 +198,7 @@ def _rank(candidates: BearingCandidates, model: OutlierModel, rows: IntArray, gr
         fixes.n_used[at, t] = np.count_nonzero(used, axis=1)
         if t == 0:
             result.used[at] = used
-        cost[_near((state.x, state.y), fixes, t) | ~np.isfinite(cost)] = np.inf
+        cost[_near(state.point, fixes, t) | ~np.isfinite(cost)] = np.inf
         cost[at, index] = np.inf
     return result
 
