@@ -10,7 +10,7 @@ import pytest
 from space_worlds import Array, angles_of, dense_covariance, ring_world, space_batch, with_height
 
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.fields import BoxField
+from nlosctl.contract.fields import BoxField, CircleField
 from nlosctl.contract.results import Solution
 from nlosctl.contract.scene import PlaneReflector, Scene, SphereReflector
 from nlosctl.contract.statuses import Status
@@ -319,3 +319,27 @@ def test_flags_of_directions() -> None:
     known = np.isfinite(residual)
     assert spoiled.elevation_rad is not None
     np.testing.assert_allclose(residual[known], (spoiled.elevation_rad - elevation)[known], atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["angles", "height"])
+def test_a_turned_frame_turns_the_answer(kind: str) -> None:
+    """Turned about the vertical in a round region, probabilities of rows and costs stay, as far as rounding goes."""
+    generator = np.random.default_rng(2)
+    sensor, source = generator.uniform(-500.0, 500.0, (200, 2, 3)), generator.uniform(-300.0, 300.0, (200, 3))
+    azimuth, elevation = angles_of(source[:, None] - sensor)
+    azimuth += 0.03 * generator.standard_normal(azimuth.shape)
+    elevation += 0.03 * generator.standard_normal(azimuth.shape)
+    field, turn = CircleField(x_m=0.0, y_m=0.0, radius_m=1500.0), 2.0
+    cosine, sine = np.cos(turn), np.sin(turn)
+    turned = sensor @ np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]]).T
+    solutions = []
+    for places, angle in ((sensor, azimuth), (turned, (azimuth + turn + np.pi) % (2.0 * np.pi) - np.pi)):
+        batch = space_batch(places, angle, elevation, 0.03, 0.03, field=field)
+        batch = with_height(batch, source[:, 2] + 5.0, 20.0) if kind == "height" else batch
+        solutions.append(bearings_mixture_ml.solve(batch, MixtureOptions()))
+    one, other = solutions
+    assert one.flags is not None
+    assert other.flags is not None
+    shares = [np.asarray(flags.columns["los_probability"], dtype=np.float64) for flags in (one.flags, other.flags)]
+    np.testing.assert_allclose(*shares, atol=1e-7)
+    np.testing.assert_allclose(one.estimates.cost, other.estimates.cost, atol=1e-6)

@@ -16,7 +16,7 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.fields import SensorsField
 from nlosctl.errors import UsageError
 from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
-from nlosctl.geometry.regions import BoxRegion, Region, box_diagonal
+from nlosctl.geometry.regions import BoxRegion, PrismRegion, Region, box_diagonal
 from nlosctl.models.ranges.measured_height import MeasuredHeight
 from nlosctl.models.search_regions import reach_region, search_region
 from nlosctl.models.sight import bearing_lines
@@ -206,6 +206,8 @@ def _region(batch: BearingBatch, lines: Any, ranges: tuple[FloatArray, FloatArra
     lower, upper = region.bounds_m
     known = np.isfinite(z) & np.isfinite(reach)
     zmin, zmax = np.where(known, z - reach, lower[2]), np.where(known, z + reach, upper[2])
+    if isinstance(region, PrismRegion):
+        return PrismRegion(region.base, zmin, zmax)
     return BoxRegion((*lower[:2], zmin), (*upper[:2], zmax))
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, reduce
-from math import gamma, pi, sqrt
+from math import gamma, pi
 from typing import NamedTuple
 
 import numpy as np
@@ -173,7 +173,7 @@ def unit_vectors(uniform: Sequence[FloatArray], pole: Point | None = None) -> Po
     """Return unit vectors (N,) from D - 1 uniform numbers each, equally distributed over all directions.
 
     Numbers near zero give vectors near the ``pole`` (N,), in the plane on its left; by default the first axis, in space
-    the third.
+    the third. A pole that turns about the third axis turns the vectors.
     """
     if len(uniform) == 1:
         angle = 2.0 * np.pi * uniform[0]
@@ -184,14 +184,13 @@ def unit_vectors(uniform: Sequence[FloatArray], pole: Point | None = None) -> Po
     local = across * np.cos(turn), across * np.sin(turn), height
     if pole is None:
         return local
-    length = reduce(np.hypot, pole)
-    x, y, z = (np.where(length > 0.0, part, 1.0) / np.where(length > 0.0, length, sqrt(3.0)) for part in pole)
-    # the mirror that maps the third axis to the pole: v - 2 n (n.v) with n along their difference
-    normal = (-x, -y, 1.0 - z)
-    twice = 2.0 * reduce(np.add, [n * v for n, v in zip(normal, local, strict=True)])
+    px, py, pz = pole
+    level, length = np.hypot(px, py), reduce(np.hypot, pole)
     with ignoring_division():
-        twice = np.where(z < 1.0, twice / (2.0 * (1.0 - z)), 0.0)
-    return tuple(v - twice * n for n, v in zip(normal, local, strict=True))
+        sine, cosine = np.where(length > 0.0, level / length, 0.0), np.where(length > 0.0, pz / length, 1.0)
+        x, y = np.where(level > 0.0, px / level, 1.0), np.where(level > 0.0, py / level, 0.0)
+    ahead = sine * height - cosine * local[0]  # in the upright plane of the pole; the rest is on its left
+    return x * ahead - y * local[1], y * ahead + x * local[1], cosine * height + sine * local[0]
 
 
 def make_proposal(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
+from math import sqrt
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -167,6 +168,9 @@ def component_masses(mixture: Mixture, ball: Ball, spots: Spots, axes: HalfAxes)
         in_spots = np.exp(np.minimum(spots.cost[:, :1] - spots.cost, 0.0)) * (2.0 * np.pi) ** (0.5 * mixture.dimension)
         for length in axes.lengths:
             in_spots *= length
+        if mixture.height is not None:  # away from spots it weighs the points of a layer
+            layer = sqrt(0.5 * np.pi) / (mixture.height.inverse_std * ball.radius)
+            outliers, on_ridges = (part * np.minimum(layer, 1.0)[:, None] for part in (outliers, on_ridges))
         return np.concatenate(
             [
                 outliers * ball.volume[:, None],

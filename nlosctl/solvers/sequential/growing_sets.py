@@ -64,7 +64,7 @@ class GrowingSets(ABC):
 
     @abstractmethod
     def in_stds(self, residuals: Any) -> FloatArray:
-        """Return the sizes (N, K) of residuals in standard deviations; NaN where there is none."""
+        """Return the sizes (N, K) of residuals in standard deviations; NaN in rows without one."""
 
     def prepare(self, first: IntArray, second: IntArray) -> None:
         """Begin with the pairs ``first``, ``second`` (N, 1)."""

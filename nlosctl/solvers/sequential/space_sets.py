@@ -107,7 +107,7 @@ class SpaceSets(GrowingSets):
 def _pick(block: Any, chosen: IntArray, shape: tuple[int, ...]) -> Any:
     """Return the rows ``chosen`` (N, 1) of a block of rows of a shape (N, K) as a block of one row each.
 
-    Standard deviations, several of which are beside each other, are those of each scalar of the row.
+    Standard deviations are beside each other, kind by kind: the row has one of each.
     """
     if isinstance(block, np.ndarray) and block.ndim == 2:
         count = block.shape[1] // shape[1]
