@@ -15,6 +15,7 @@ from nlosctl.contract.results import Solution
 from nlosctl.solvers.echoes.candidates import Candidates, Gates, find_candidates, usual_sensors
 from nlosctl.solvers.echoes.echoes import Echoes
 from nlosctl.solvers.echoes.evidence import Hypotheses, choose_targets, clutter_density, target_weights
+from nlosctl.solvers.echoes.sphere_crossings import cross_spheres, far_apart
 from nlosctl.solvers.echoes.targets import (
     EXISTENCE,
     IDENTIFICATION_FLAGS,
@@ -85,7 +86,8 @@ def solve(batch: RangeBatch, options: AssignmentOptions) -> Solution:
     """Find targets among unlabelled echoes: the choice of targets of largest likelihood that share no echo.
 
     Candidates are range least-squares fits to the echoes nearest to them that pass a chi-square gate. No target is
-    a possible answer; not_proven: ``max_nodes`` or the limit on candidates did not suffice for a proof.
+    a possible answer; not_proven: ``max_nodes`` or the limit on candidates did not suffice for a proof. In space the
+    seeds are crossings of three spheres, scatterers are not looked for, and a measured height is not used.
     """
 
     def find(echoes: Echoes, gate: Gate) -> IdentifiedEchoes:
@@ -95,8 +97,9 @@ def solve(batch: RangeBatch, options: AssignmentOptions) -> Solution:
             reward=options.target_reward,
             least_evidence=options.least_evidence,
             area_m2=area_m2,
-            scatterers=options.scatterers,
-            bandwidth_m=options.clutter_bandwidth_m or _BANDWIDTH_SHARE * float(np.sqrt(area_m2)),
+            scatterers=options.scatterers and batch.dimension == 2,
+            bandwidth_m=options.clutter_bandwidth_m or _BANDWIDTH_SHARE * _side_m(area_m2, batch.dimension),
+            dimension=batch.dimension,
         )
         candidates, complete = _candidates(echoes, gate, hypotheses, options)
         targets = choose_targets(echoes, candidates, hypotheses, options.max_nodes)
@@ -111,10 +114,14 @@ def _candidates(
     echoes: Echoes, gate: Gate, hypotheses: Hypotheses, options: AssignmentOptions
 ) -> tuple[Candidates, bool]:
     if options.min_sensors is None:
-        least = usual_sensors(echoes.sensors, options.detection_probability)
+        least = usual_sensors(echoes.sensors, options.detection_probability, 1 + hypotheses.dimension)
     else:
-        least = min(options.min_sensors, echoes.sensors)
-    seeds = find_seeds(cross_all(_seeding_echoes(echoes, least), options.gap_tolerance_m, gate))
+        least = min(max(options.min_sensors, 1 + hypotheses.dimension), echoes.sensors)
+    if hypotheses.dimension == 3:
+        seeds = cross_spheres(echoes, least, gate)
+    else:
+        crossings = find_seeds(cross_all(_seeding_echoes(echoes, least), options.gap_tolerance_m, gate))
+        seeds = (crossings.x, crossings.y)
     gates = Gates(
         min_sensors=least,
         gate_std=options.gate_std,
@@ -126,9 +133,9 @@ def _candidates(
 
     def evidence(candidates: Candidates) -> FloatArray:
         weights = target_weights(echoes, candidates, density, hypotheses)
-        return np.where(gate.contains(candidates.x, candidates.y), weights, -np.inf)
+        return np.where(gate.contains(*candidates.point), weights, -np.inf)
 
-    return find_candidates(echoes, seeds.x, seeds.y, gates, evidence)
+    return find_candidates(echoes, seeds, gates, evidence)
 
 
 def _seeding_echoes(echoes: Echoes, least: int) -> Echoes:
@@ -139,14 +146,13 @@ def _seeding_echoes(echoes: Echoes, least: int) -> Echoes:
     wanted = max(_SEEDING_SENSORS, echoes.sensors - least + _SEEING_SENSORS)
     if wanted >= echoes.sensors:
         return echoes
-    chosen = np.zeros(echoes.sensors, dtype=bool)
-    nearest = np.hypot(echoes.sensor_x, echoes.sensor_y)
-    for _ in range(wanted):
-        farthest = int(np.argmax(np.where(chosen, -1.0, nearest)))
-        chosen[farthest] = True
-        apart = np.hypot(echoes.sensor_x - echoes.sensor_x[farthest], echoes.sensor_y - echoes.sensor_y[farthest])
-        nearest = np.minimum(nearest, apart)
+    chosen = far_apart(echoes, wanted)
     return replace(echoes, radius=np.where(chosen[:, None], echoes.radius, np.nan))
+
+
+def _side_m(volume: float, dimension: int) -> float:
+    """Return the side of a square or a cube."""
+    return float(np.sqrt(volume) if dimension == 2 else np.cbrt(volume))
 
 
 METHOD = MethodSpec(
@@ -159,6 +165,7 @@ METHOD = MethodSpec(
     solve=solve,
     cost=LEAST_HALF_CHI_SQUARE,
     minimum_measurements=3,
+    dimensions=(2, 3),
     flags=IDENTIFICATION_FLAGS,
     estimate_columns=(EXISTENCE,),
 )

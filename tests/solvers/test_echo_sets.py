@@ -43,5 +43,5 @@ def test_an_echo_beyond_the_gate_is_left_out(off_m: float, kept: bool) -> None:
     ranges[3] += off_m
     echoes = read_echoes(range_batch([sensors], ranges[None], 1.0), 0, 100)
     gates = Gates(min_sensors=3, gate_std=4.0, false_alarm=1e-3, least_evidence=0.0, most=100)
-    found = associate(echoes, np.array([30.0 - echoes.center_x]), np.array([40.0 - echoes.center_y]), gates)
+    found = associate(echoes, (np.array([30.0 - echoes.center_x]), np.array([40.0 - echoes.center_y])), gates)
     assert np.count_nonzero(found == -1) == (0 if kept else 1)

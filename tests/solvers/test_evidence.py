@@ -34,7 +34,7 @@ def ranges_to(x: float, y: float) -> np.ndarray:
 def candidate_of(echoes: Echoes, echo: list[int], x: float, y: float) -> Candidates:
     """Return the candidate that takes these echoes, fitted from a point about the sensors' mean."""
     center = SENSORS.mean(axis=0)
-    return fit_candidates(echoes, np.array([x - center[0]]), np.array([y - center[1]]), np.array([echo]))
+    return fit_candidates(echoes, (np.array([x - center[0]]), np.array([y - center[1]])), np.array([echo]))
 
 
 @pytest.mark.parametrize("masked", [False, True])
@@ -136,7 +136,7 @@ def test_the_gate_is_five_standard_deviations(away: float, kept: bool) -> None:
     gates = Gates(min_sensors=4, gate_std=METHOD.options().gate_std, false_alarm=1e-9, least_evidence=-50.0, most=100)
     center = SENSORS.mean(axis=0)
     seed = np.array([30.0 - center[0]]), np.array([40.0 - center[1]])
-    found, complete = find_candidates(echoes, *seed, gates, lambda candidates: np.zeros(candidates.x.shape))
+    found, complete = find_candidates(echoes, seed, gates, lambda candidates: np.zeros(candidates.chi_square.shape))
     assert complete
     assert (found.echo[:, 0] == 1).any() == kept
 
@@ -150,8 +150,8 @@ def test_the_chi_square_gate(factor: float, kept: bool) -> None:
     echoes = echoes_of([[value] for value in ranges_to(5.0, 3.0) + size * shape])
     center = SENSORS.mean(axis=0)
     seed = np.array([5.0 - center[0]]), np.array([3.0 - center[1]])
-    found, _ = find_candidates(echoes, *seed, GATES, lambda candidates: np.zeros(candidates.x.shape))
-    assert (found.x.size == 1) == kept
+    found, _ = find_candidates(echoes, seed, GATES, lambda candidates: np.zeros(candidates.chi_square.shape))
+    assert (found.chi_square.size == 1) == kept
 
 
 @pytest.mark.parametrize(("outside", "found"), [(15.0, True), (40.0, False)])
@@ -169,6 +169,6 @@ def test_candidates_beyond_the_limit_are_those_of_least_evidence() -> None:
     center = SENSORS.mean(axis=0)
     seed = np.array([30.0 - center[0]]), np.array([40.0 - center[1]])
     gates = Gates(min_sensors=4, gate_std=5.0, false_alarm=1e-5, least_evidence=-50.0, most=1)
-    found, complete = find_candidates(echoes, *seed, gates, lambda candidates: -candidates.chi_square)
+    found, complete = find_candidates(echoes, seed, gates, lambda candidates: -candidates.chi_square)
     assert not complete
     assert found.echo.tolist() == [[0, 0, 0, 0]]

@@ -13,9 +13,9 @@ from itertools import islice, product
 import numpy as np
 from scipy.special import bdtr, gammainccinv
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_invalid
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_division, ignoring_invalid
 from nlosctl.geometry.blocks import RowBlock
-from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.geometry.symmetric import SymmetricMatrix, dot
 from nlosctl.solvers.echoes.echoes import Echoes
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 from nlosctl.solvers.ranges.likelihood import RangeProblem
@@ -55,10 +55,9 @@ class Gates:
 
 @dataclass(frozen=True)
 class Candidates(RowBlock):
-    """C candidates: points (C,) in metres about the local origin, echoes (C, N) or -1, chi-square, information."""
+    """C candidates: points (D arrays (C,)) about the local origin, echoes (C, N) or -1, chi-square, information."""
 
-    x: FloatArray
-    y: FloatArray
+    point: Point
     echo: IntArray
     chi_square: FloatArray
     information: SymmetricMatrix
@@ -66,62 +65,61 @@ class Candidates(RowBlock):
     @classmethod
     def join(cls, parts: Sequence[Candidates]) -> Candidates:
         """Return the candidates of all parts."""
-        x, y, echo, chi_square = (
-            np.concatenate([getattr(part, name) for part in parts]) for name in ("x", "y", "echo", "chi_square")
-        )
+        point = tuple(np.concatenate(columns) for columns in zip(*(part.point for part in parts), strict=True))
+        echo = np.concatenate([part.echo for part in parts])
+        chi_square = np.concatenate([part.chi_square for part in parts])
         information = np.concatenate([part.information.stack() for part in parts])
-        return cls(x, y, echo, chi_square, SymmetricMatrix(*information.T))
+        return cls(point, echo, chi_square, SymmetricMatrix(*information.T))
 
 
-def usual_sensors(sensors: int, detection_probability: float) -> int:
+def usual_sensors(sensors: int, detection_probability: float, least: int = 3) -> int:
     """Return the largest number, at least three, of sensors that see all but a hundredth of the targets at once."""
     at_most = bdtr(np.arange(sensors), sensors, detection_probability)
-    return max(3, int(np.count_nonzero(at_most <= _UNSEEN_SHARE)))
+    return max(least, int(np.count_nonzero(at_most <= _UNSEEN_SHARE)))
 
 
 def find_candidates(
-    echoes: Echoes, seed_x: FloatArray, seed_y: FloatArray, gates: Gates, evidence: Callable[[Candidates], FloatArray]
+    echoes: Echoes, seeds: Point, gates: Gates, evidence: Callable[[Candidates], FloatArray]
 ) -> tuple[Candidates, bool]:
-    """Return the candidates that seeds (P,) lead to and that pass the gates, each set of echoes once.
+    """Return the candidates that seeds (D arrays (P,)) lead to and that pass the gates, each set of echoes once.
 
     Their ``evidence`` (C,) is at least ``gates.least_evidence``. False if there are more of them, or more combinations
     of their echoes, than ``gates.most``, and some were left out: those with the least evidence.
     """
-    starts = [slice(start, start + _BLOCK) for start in range(0, max(seed_x.shape[0], 1), _BLOCK)]
-    parts = [_settle(echoes, seed_x[part], seed_y[part], gates) for part in starts]
-    echo, x, y = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    starts = [slice(start, start + _BLOCK) for start in range(0, max(seeds[0].shape[0], 1), _BLOCK)]
+    parts = [_settle(echoes, tuple(axis[part] for axis in seeds), gates) for part in starts]
+    echo = np.concatenate([settled for settled, _ in parts])
+    point = tuple(np.concatenate(columns) for columns in zip(*(settled for _, settled in parts), strict=True))
     if len(parts) > 1:
-        echo, x, y = _best_of_each(echoes, echo, x, y)
-    candidates = _fit_in_blocks(echoes, x, y, echo, gates, slack=4.0)
+        echo, point = _best_of_each(echoes, echo, point)
+    candidates = _fit_in_blocks(echoes, point, echo, gates, slack=4.0)
     candidates, all_kept = _heaviest(candidates, evidence(candidates), gates.least_evidence, gates.most)
-    more, x, y, all_combined = _combine(echoes, candidates, gates)
-    candidates = _fit_in_blocks(echoes, x, y, more, gates, slack=1.0)
+    more, point, all_combined = _combine(echoes, candidates, gates)
+    candidates = _fit_in_blocks(echoes, point, more, gates, slack=1.0)
     candidates, all_heavy = _heaviest(candidates, evidence(candidates), gates.least_evidence, gates.most)
     return candidates, all_kept and all_combined and all_heavy
 
 
-def _settle(echoes: Echoes, x: FloatArray, y: FloatArray, gates: Gates) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return the different sets of echoes that points (P,) settle at, and their points."""
+def _settle(echoes: Echoes, point: Point, gates: Gates) -> tuple[IntArray, Point]:
+    """Return the different sets of echoes that points (D arrays (P,)) settle at, and their points."""
     echo = np.empty((0, echoes.sensors), dtype=np.int64)
     for _ in range(_ROUNDS):
         before = echo
-        echo, x, y = _best_of_each(echoes, associate(echoes, x, y, gates), x, y)
+        echo, point = _best_of_each(echoes, associate(echoes, point, gates), point)
         if echo.shape == before.shape and (echo == before).all():
             break
         for _ in range(_STEPS_PER_ROUND):
-            x, y = _step(echoes, echo, x, y)
-        finite = np.isfinite(x) & np.isfinite(y)
-        x, y, echo = x[finite], y[finite], echo[finite]
-    return echo, x, y
+            point = _step(echoes, echo, point)
+        finite = np.logical_and.reduce([np.isfinite(part) for part in point])
+        point, echo = tuple(part[finite] for part in point), echo[finite]
+    return echo, point
 
 
-def _fit_in_blocks(
-    echoes: Echoes, x: FloatArray, y: FloatArray, echo: IntArray, gates: Gates, *, slack: float
-) -> Candidates:
-    """Return the fits to echoes (C, N) from points (C,) that pass the gate."""
+def _fit_in_blocks(echoes: Echoes, point: Point, echo: IntArray, gates: Gates, *, slack: float) -> Candidates:
+    """Return the fits to echoes (C, N) from points (D arrays (C,)) that pass the gate."""
     parts = [
-        _gate(fit_candidates(echoes, x[part], y[part], echo[part]), gates, slack=slack)
-        for start in range(0, max(x.shape[0], 1), _BLOCK)
+        _gate(fit_candidates(echoes, tuple(axis[part] for axis in point), echo[part]), gates, slack=slack)
+        for start in range(0, max(echo.shape[0], 1), _BLOCK)
         for part in [slice(start, start + _BLOCK)]
     ]
     return parts[0] if len(parts) == 1 else Candidates.join(parts)
@@ -136,16 +134,16 @@ def _heaviest(candidates: Candidates, evidence: FloatArray, least: float, most: 
     return candidates.take(np.sort(kept[best])), False
 
 
-def associate(echoes: Echoes, x: FloatArray, y: FloatArray, gates: Gates) -> IntArray:
-    """Return the nearest echo (P, N) of every sensor to points (P,).
+def associate(echoes: Echoes, point: Point, gates: Gates) -> IntArray:
+    """Return the nearest echo (P, N) of every sensor to points (D arrays (P,)).
 
     An echo beyond the gate is left out (-1), unless that would leave fewer than the least number of sensors: of
     those the nearest, in standard deviations, are kept.
     """
-    chosen = np.empty((x.shape[0], echoes.sensors), dtype=np.int64)
+    chosen = np.empty((point[0].shape[0], echoes.sensors), dtype=np.int64)
     distance = np.empty(chosen.shape)
     for sensor in range(echoes.sensors):
-        predicted = np.hypot(np.hypot(x - echoes.sensor_x[sensor], y - echoes.sensor_y[sensor]), echoes.height[sensor])
+        predicted = echoes.distance_m(sensor, *point)
         ranges = echoes.range_m[sensor]
         ranges = ranges[np.isfinite(ranges)]
         above = np.searchsorted(ranges, predicted)
@@ -162,24 +160,24 @@ def associate(echoes: Echoes, x: FloatArray, y: FloatArray, gates: Gates) -> Int
     return chosen
 
 
-def fit_candidates(echoes: Echoes, x: FloatArray, y: FloatArray, echo: IntArray) -> Candidates:
-    """Return the range least-squares fits (C,) to echoes (C, N), from points (C,), that settle."""
+def fit_candidates(echoes: Echoes, point: Point, echo: IntArray) -> Candidates:
+    """Return the range least-squares fits (C,) to echoes (C, N), from points (D arrays (C,)), that settle."""
     problem = _problem(echoes, echo)
-    minimum = minimize(problem, x, y)
+    minimum = minimize(problem, *point)
     settled = np.flatnonzero(minimum.converged)
     problem = problem.take(settled)
-    x, y = minimum.x[settled], minimum.y[settled]
-    dx, dy = x[:, None] - problem.sensor[0], y[:, None] - problem.sensor[1]
-    squared = dx * dx + dy * dy
+    point = tuple(part[settled] for part in minimum.point)
+    away = [part[:, None] - own for part, own in zip(point, problem.sensor, strict=True)]
+    squared = dot(away, away)
     if problem.height is not None:
         squared += problem.height * problem.height
     with ignoring_division():
         scale = problem.inverse_std / np.sqrt(squared)
-        dx *= scale
-        dy *= scale
+        for part in away:
+            part *= scale
     # Pairwise sums: a candidate is solved alone, so its bits depend on no block.
-    information = SymmetricMatrix.outer(dx, dy).map(lambda products: products.sum(axis=1))
-    candidates = Candidates(x, y, echo[settled], 2.0 * minimum.cost[settled], information)
+    information = SymmetricMatrix.outer(*away).map(lambda products: products.sum(axis=1))
+    candidates = Candidates(point, echo[settled], 2.0 * minimum.cost[settled], information)
     with ignoring_invalid():
         return candidates.take(np.flatnonzero(information.determinant > 0.0))
 
@@ -190,24 +188,20 @@ def _problem(echoes: Echoes, echo: IntArray) -> RangeProblem:
     seen = echo != _NOTHING
     index = np.where(seen, echo, 0)
     return RangeProblem(
-        (
-            np.asfortranarray(np.broadcast_to(echoes.sensor_x, echo.shape)),
-            np.asfortranarray(np.broadcast_to(echoes.sensor_y, echo.shape)),
-        ),
+        tuple(np.asfortranarray(np.broadcast_to(part, echo.shape)) for part in echoes.sensor),
         np.asfortranarray(echoes.range_m[sensor, index]),
         np.asfortranarray(np.where(seen, 1.0 / echoes.std_m[sensor, index], 0.0)),
         np.asfortranarray(np.broadcast_to(echoes.height, echo.shape)) if echoes.height.any() else None,
     )
 
 
-def _step(echoes: Echoes, echo: IntArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _step(echoes: Echoes, echo: IntArray, point: Point) -> Point:
     """Return points moved by one Gauss-Newton step."""
-    at = _problem(echoes, echo).evaluate(x, y)
-    step_x, step_y = at.hessian.solve(*(-slope for slope in at.gradient))
-    return x + step_x, y + step_y
+    at = _problem(echoes, echo).evaluate(*point)
+    return tuple(map(np.add, point, at.hessian.solve(*(-slope for slope in at.gradient))))
 
 
-def _combine(echoes: Echoes, candidates: Candidates, gates: Gates) -> tuple[IntArray, FloatArray, FloatArray, bool]:
+def _combine(echoes: Echoes, candidates: Candidates, gates: Gates) -> tuple[IntArray, Point, bool]:
     """Return combinations of the echoes within the gate of each candidate, and the points to fit them from.
 
     A candidate's own echo is the first choice of a sensor; a sensor whose echo fits badly may also have none. A
@@ -234,13 +228,12 @@ def _combine(echoes: Echoes, candidates: Candidates, gates: Gates) -> tuple[IntA
     enough = np.flatnonzero((all_rows != _NOTHING).sum(axis=1) >= gates.min_sensors)
     echo, first = _unique_rows(all_rows[enough])
     origin = origin[enough][first]
-    return echo, candidates.x[origin], candidates.y[origin], total <= budget
+    return echo, tuple(part[origin] for part in candidates.point), total <= budget
 
 
 def _choices(echoes: Echoes, candidates: Candidates, gates: Gates) -> BoolArray:
     """Return which echoes (C, N, 1 + M) of each sensor a candidate may take; the first stands for none."""
-    dx, dy = candidates.x[:, None] - echoes.sensor_x, candidates.y[:, None] - echoes.sensor_y
-    predicted = np.hypot(np.hypot(dx, dy), echoes.height)
+    predicted = echoes.distance_m(slice(None), *(part[:, None] for part in candidates.point))
     seen = candidates.echo != _NOTHING
     near = np.zeros((*predicted.shape, 1 + echoes.most), dtype=bool)
     for sensor in range(echoes.sensors):
@@ -256,19 +249,17 @@ def _choices(echoes: Echoes, candidates: Candidates, gates: Gates) -> BoolArray:
 
 
 def _gate(candidates: Candidates, gates: Gates, *, slack: float) -> Candidates:
-    """Return the candidates whose chi-square is at most ``slack`` times its limit; its degrees are sensors - 2."""
-    degrees = (candidates.echo != _NOTHING).sum(axis=1) - 2
+    """Return the candidates whose chi-square is at most ``slack`` times its limit; its degrees are sensors - D."""
+    degrees = (candidates.echo != _NOTHING).sum(axis=1) - len(candidates.point)
     limit = 2.0 * gammainccinv(0.5 * np.maximum(degrees, 1), gates.false_alarm)
     return candidates.take(np.flatnonzero(candidates.chi_square <= slack * limit))
 
 
-def _best_of_each(
-    echoes: Echoes, echo: IntArray, x: FloatArray, y: FloatArray
-) -> tuple[IntArray, FloatArray, FloatArray]:
+def _best_of_each(echoes: Echoes, echo: IntArray, point: Point) -> tuple[IntArray, Point]:
     """Return the different sets of echoes, each with the point that it fits best: others may lead to a mirror image."""
-    order = np.argsort(_problem(echoes, echo).evaluate(x, y).cost, kind="stable")
+    order = np.argsort(_problem(echoes, echo).evaluate(*point).cost, kind="stable")
     unique, first = _unique_rows(echo[order])
-    return unique, x[order][first], y[order][first]
+    return unique, tuple(part[order][first] for part in point)
 
 
 def _unique_rows(rows: IntArray) -> tuple[IntArray, IntArray]:

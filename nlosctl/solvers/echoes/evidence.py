@@ -32,9 +32,9 @@ class Hypotheses:
     """What is known before the echoes are seen.
 
     ``detection_probability`` is that of a direct echo at a sensor, ``reward`` (nats) the log of the number of targets
-    to expect in ``area_m2`` if there are any, ``least_evidence`` (nats) what all targets together need against clutter
-    alone, ``bandwidth_m`` the kernel width of the density of the clutter, ``scatterers`` whether targets may have
-    further echoes via scatterers.
+    to expect in ``area_m2`` if there are any (in space, where ``dimension`` is 3, a volume), ``least_evidence`` (nats)
+    what all targets together need against clutter alone, ``bandwidth_m`` the kernel width of the density of the
+    clutter, ``scatterers`` whether targets may have further echoes via scatterers.
     """
 
     detection_probability: float
@@ -43,6 +43,7 @@ class Hypotheses:
     area_m2: float
     bandwidth_m: float
     scatterers: bool = True
+    dimension: int = 2
 
 
 class TargetSet(NamedTuple):
@@ -85,7 +86,8 @@ def target_weights(echoes: Echoes, candidates: Candidates, density: FloatArray, 
     surprise = -np.log(density[sensor, index] * np.sqrt(2.0 * np.pi) * echoes.std_m[sensor, index])
     detection = hypotheses.detection_probability
     detected = np.where(seen, surprise + np.log(detection), np.log1p(-detection))
-    volume = np.log(2.0 * np.pi / hypotheses.area_m2) - 0.5 * np.log(candidates.information.determinant)
+    turns = (2.0 * np.pi) ** (0.5 * hypotheses.dimension)
+    volume = np.log(turns / hypotheses.area_m2) - 0.5 * np.log(candidates.information.determinant)
     weights: FloatArray = detected.sum(axis=1) - 0.5 * candidates.chi_square + volume + hypotheses.reward
     return weights
 
@@ -124,7 +126,7 @@ def _explained_density(
     clutter = _unexplained(echoes, candidates.echo[chosen])
     density = clutter_density(echoes, hypotheses.bandwidth_m, clutter)
     if scattered and chosen.size:
-        x, y = candidates.x[chosen], candidates.y[chosen]
+        x, y = (part[chosen] for part in candidates.point)
         density += scattered_density(echoes, x, y, clutter, density, hypotheses.area_m2)
     return density
 

@@ -15,9 +15,9 @@ from nlosctl.contract.results import FORM, MISFIT_FORM, Estimates, Flags, Soluti
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.regions import Region
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.ranges.circles import range_circles
+from nlosctl.models.ranges.spheres import range_rows
 from nlosctl.models.search_regions import search_region
-from nlosctl.solvers.echoes.echoes import Echoes, read_echoes
+from nlosctl.solvers.echoes.echoes import Echoes, read_echoes, sensor_positions
 from nlosctl.solvers.echoes.type_sets import Gate
 from nlosctl.solvers.ranges.optima import finish_range_fix, optimize_ranges, with_covariances
 
@@ -66,9 +66,9 @@ def identify(
 ) -> Solution:
     """Return the targets that ``find`` finds in each snapshot, each located by range least squares.
 
-    A snapshot without a target, or of fewer than three sensors, has one estimate with that status. A row
-    shared by several targets is flagged as that of the nearest. Targets of a set that is not proven to be the best are
-    not_proven.
+    A snapshot without a target, or of fewer than three sensors (four in space), has one estimate with that status. A
+    row shared by several targets is flagged as that of the nearest. Targets of a set that is not proven to be the best
+    are not_proven.
     """
     parts: list[Estimates] = []
     targets: list[_Target] = []
@@ -76,23 +76,15 @@ def identify(
     region = _regions(batch, all_echoes)
     for snapshot, echoes in enumerate(all_echoes):
         gate = Gate(region.take(np.array([snapshot])), options.field_margin_m)
-        if echoes.sensors < 3:
-            parts.append(_nothing(snapshot, Status.TOO_FEW))
+        if echoes.sensors < 1 + batch.dimension:
+            parts.append(_nothing(snapshot, Status.TOO_FEW, batch.dimension))
             continue
         identified = find(echoes, gate)
         if not identified.echo.shape[0]:
-            parts.append(_nothing(snapshot, Status.NO_TARGET))
+            parts.append(_nothing(snapshot, Status.NO_TARGET, batch.dimension))
         existence = np.full(identified.echo.shape[0], np.nan) if identified.existence is None else identified.existence
         targets += [
-            _Target(
-                snapshot,
-                number,
-                _rows(echoes, echo),
-                echoes.center_x,
-                echoes.center_y,
-                float(existence[number]),
-                identified.proven,
-            )
+            _Target(snapshot, number, _rows(echoes, echo), echoes.center, float(existence[number]), identified.proven)
             for number, echo in enumerate(identified.echo)
         ]
     residuals: dict[_Target, FloatArray] = {}
@@ -101,7 +93,9 @@ def identify(
         estimates, left_over = _locate(batch, chosen, region, options)
         parts.append(estimates)
         residuals.update(zip(chosen, left_over, strict=True))
-    return Solution(estimates=_join(parts), flags=_flags(batch, targets, residuals) if batch.want_flags else None)
+    return Solution(
+        estimates=_join(parts, batch.dimension), flags=_flags(batch, targets, residuals) if batch.want_flags else None
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,17 +108,15 @@ class _Target:
     snapshot: int
     number: int
     rows: IntArray
-    center_x: float
-    center_y: float
+    center: tuple[float, ...]
     existence: float
     proven: bool
 
 
 def _regions(batch: RangeBatch, all_echoes: list[Echoes]) -> Region:
     """Return the search regions (B,) about the local origins of the echoes."""
-    center_x = np.array([echoes.center_x for echoes in all_echoes])
-    center_y = np.array([echoes.center_y for echoes in all_echoes])
-    return search_region(batch.field, (batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1]), (center_x, center_y))
+    center = np.array([echoes.center for echoes in all_echoes]).reshape(-1, batch.dimension)
+    return search_region(batch.field, sensor_positions(batch, slice(None)), tuple(center.T))
 
 
 def _rows(echoes: Echoes, echo: IntArray) -> IntArray:
@@ -141,13 +133,13 @@ def _locate(
     """
     snapshot = np.array([target.snapshot for target in targets])
     dense = _targets_batch(batch, snapshot, np.array([target.rows for target in targets]))
-    circles = range_circles(dense)
+    circles = range_rows(dense)
     one, other = with_covariances(circles, *optimize_ranges(circles, _MAX_ITERATIONS, options.ambiguous_within))
-    offset_x = circles.center_x - np.array([target.center_x for target in targets])
-    offset_y = circles.center_y - np.array([target.center_y for target in targets])
+    origin = np.array([target.center for target in targets])
+    offset = [part - own for part, own in zip(circles.center, origin.T, strict=True)]
     own_region = region.take(snapshot)
     inside = [
-        own_region.edge_distance_m(optimum.point[0] + offset_x, optimum.point[1] + offset_y) >= -options.field_margin_m
+        own_region.edge_distance_m(*map(np.add, optimum.point, offset)) >= -options.field_margin_m
         for optimum in (one, other)
     ]
     estimates = finish_range_fix(
@@ -159,7 +151,7 @@ def _locate(
         ambiguous_within=options.ambiguous_within,
     ).estimates
     best = estimates.position_m[estimates.alternative == 0]
-    residual = circles.residual_m(best[:, 0] - circles.center_x, best[:, 1] - circles.center_y)
+    residual = circles.residual_m(*(part - own for part, own in zip(best.T, circles.center, strict=True)))
     number, existence, proven = (
         np.array([getattr(target, name) for target in targets])[estimates.row]
         for name in ("number", "existence", "proven")
@@ -204,16 +196,19 @@ def _targets_batch(batch: RangeBatch, snapshot: IntArray, rows: IntArray) -> Ran
         path=np.asfortranarray(batch.path[index]),
         reflector=None,
         sensor_height_m=np.asfortranarray(batch.sensor_height_m[index]),
+        sensor_z_m=None if batch.sensor_z_m is None else np.asfortranarray(batch.sensor_z_m[index]),
+        target_z_m=None,
+        target_z_std_m=None,
     )
 
 
-def _nothing(snapshot: int, status: Status) -> Estimates:
+def _nothing(snapshot: int, status: Status, dimension: int) -> Estimates:
     nan = np.full(1, np.nan)
     row = np.full(1, snapshot, dtype=np.int64)
     return Estimates.of(
         np.full(1, status, dtype=np.uint8),
-        (nan, nan),
-        SymmetricMatrix.full(1, np.nan),
+        (nan,) * dimension,
+        SymmetricMatrix.full(1, np.nan, dimension),
         nan,
         0,
         row=row,
@@ -221,9 +216,9 @@ def _nothing(snapshot: int, status: Status) -> Estimates:
     )
 
 
-def _join(parts: list[Estimates]) -> Estimates:
+def _join(parts: list[Estimates], dimension: int) -> Estimates:
     """Return all estimates in order of snapshot, target and alternative."""
-    parts = [_nothing(0, Status.NO_TARGET), *parts]  # the first row is dropped: there may be no other part
+    parts = [_nothing(0, Status.NO_TARGET, dimension), *parts]  # the first row is dropped: there may be no other part
     names = (*FORM, *MISFIT_FORM)
     joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts])[1:] for name in names}
     order = np.lexsort((joined["alternative"], joined["target"], joined["row"]))

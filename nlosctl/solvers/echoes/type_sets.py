@@ -29,10 +29,10 @@ class Gate:
     region: Region
     margin_m: float
 
-    def contains(self, x: FloatArray, y: FloatArray) -> BoolArray:
-        """Return which points (...) are inside; NaN is not."""
-        distance = self.region.edge_distance_m(x.reshape(1, -1), y.reshape(1, -1))
-        inside: BoolArray = distance.reshape(x.shape) >= -self.margin_m
+    def contains(self, *point: FloatArray) -> BoolArray:
+        """Return which points (D arrays (...)) are inside; NaN is not."""
+        distance = self.region.edge_distance_m(*(part.reshape(1, -1) for part in point))
+        inside: BoolArray = distance.reshape(point[0].shape) >= -self.margin_m
         return inside
 
 
