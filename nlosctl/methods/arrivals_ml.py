@@ -10,10 +10,11 @@ from nlosctl.contract.batches import ArrivalBatch
 from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
+from nlosctl.contract.tables.arrivals import OFFSET
 from nlosctl.models.arrivals import arrival_rows
 from nlosctl.solvers.arrivals.closed_forms import initial_estimates
 from nlosctl.solvers.arrivals.likelihood import AT_INFINITY, ArrivalProblem
-from nlosctl.solvers.optimization.two_optima import find_best_two
+from nlosctl.solvers.optimization.two_optima import find_best_two, nearer_first
 from nlosctl.solvers.ranges.optima import estimate_factors, finish_range_fix, with_covariances
 
 __all__ = ["METHOD", "ArrivalOptions", "solve"]
@@ -46,8 +47,10 @@ def solve(batch: ArrivalBatch, options: ArrivalOptions) -> Solution:
     plausible = None
     if batch.std == "stated":
         plausible = _PLAUSIBLE + 2.0 * rows.degrees_of_freedom.astype(np.float64)
-    ends = find_best_two(
-        ArrivalProblem.of_rows(rows), rows, points, options.max_iterations, plausible, AT_INFINITY * rows.size_m()
+    ends = nearer_first(
+        *find_best_two(
+            ArrivalProblem.of_rows(rows), rows, points, options.max_iterations, plausible, AT_INFINITY * rows.size_m()
+        )
     )
     factors = None
     if batch.std == "unknown":
@@ -65,7 +68,8 @@ def solve(batch: ArrivalBatch, options: ArrivalOptions) -> Solution:
     )
 
 
-OFFSETS = ("offset_m", "offset_std_m", "cov_x_offset_m2", "cov_y_offset_m2")
+OFFSETS = tuple(column.name for column in OFFSET)
+"""The columns of the offset."""
 
 METHOD = MethodSpec(
     name="ml",

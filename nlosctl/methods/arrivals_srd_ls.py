@@ -11,12 +11,13 @@ from nlosctl.contract.batches import ArrivalBatch
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
+from nlosctl.contract.tables.arrivals import OFFSET
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.arrivals import ArrivalRows, arrival_rows
 from nlosctl.solvers.arrivals.closed_forms import initial_estimates
 from nlosctl.solvers.arrivals.likelihood import AT_INFINITY
 from nlosctl.solvers.arrivals.squared_differences import DifferenceFit, squared_differences
-from nlosctl.solvers.optimization.two_optima import End, find_best_two
+from nlosctl.solvers.optimization.two_optima import End, find_best_two, nearer_first
 from nlosctl.solvers.ranges.optima import estimate_factors, finish_range_fix
 from nlosctl.solvers.ranges.paired_estimates import RangeOptimum
 
@@ -53,6 +54,7 @@ def solve(batch: ArrivalBatch, options: SquaredDifferenceOptions) -> Solution:
     points = [tuple(part[k] for part in fit.points) for k in range(fit.points[0].shape[0])]
     points += initial_estimates(rows)
     one, other = find_best_two(fit.problem, rows, points, _MAX_ITERATIONS, far_m=AT_INFINITY * rows.size_m())
+    one, other = nearer_first(one, other)
     least = np.fmin.reduce([fit.problem.half_squares(*point) for point in points])
     with ignoring_invalid():
         missed = one.cost > least + _MISSED * (1.0 + least)
@@ -107,7 +109,7 @@ METHOD = MethodSpec(
     cost=HALF_CHI_SQUARE,
     minimum_measurements=2,
     flags=("residual_m",),
-    estimate_columns=("offset_m", "offset_std_m", "cov_x_offset_m2", "cov_y_offset_m2"),
+    estimate_columns=tuple(column.name for column in OFFSET),
     scales_std=True,
     dimensions=(2, 3),
 )

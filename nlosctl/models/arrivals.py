@@ -88,8 +88,9 @@ class ArrivalRows(RowBlock):
         return SymmetricMatrix(*covariance, *(np.zeros(covariance.xx.shape) for _ in range(3)))
 
     def size_m(self) -> FloatArray:
-        """Return the distance (B,) of the farthest sensor from the local origin."""
-        return np.sqrt(max_measurements(np.sum([part * part for part in self.sensor], axis=0)))
+        """Return the distance (B,) of the farthest sensor from the local origin; 1 if all are at a single point."""
+        size = np.sqrt(max_measurements(np.sum([part * part for part in self.sensor], axis=0)))
+        return np.where(size > 0.0, size, 1.0)
 
     def distance_m(self, *point: FloatArray) -> FloatArray:
         """Return the distances (B, K) of points (B,) from the sensors."""
@@ -107,7 +108,8 @@ class ArrivalRows(RowBlock):
     def residual_m(self, *point: FloatArray) -> FloatArray:
         """Return the arrivals minus distance and offset (B, K) at points (B,)."""
         excess = self.arrival_m - self.distance_m(*point)
-        return np.asarray(excess - self._mean(excess)[:, None])
+        with ignoring_division():
+            return np.asarray(excess - self._mean(excess)[:, None])
 
     def compare(self, *point: FloatArray) -> Compared:
         """Return residuals and derivatives at points (B,); not finite on a sensor."""

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray, ignoring_division
-from nlosctl.contract.batches import Batch, BearingBatch, RangeBatch
+from nlosctl.contract.batches import ArrivalBatch, Batch, BearingBatch, RangeBatch
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.arrivals import arrival_rows
 from nlosctl.models.bearing_predictions import predict_bearings
 from nlosctl.models.bearings import SightLines, sight_lines
 from nlosctl.models.ranges.circles import range_circles
@@ -162,9 +163,25 @@ def _ranges_seen_from(batch: RangeBatch, *point: FloatArray) -> RangeBatch:
     return RangeBatch(scene=batch.scene, seed=np.zeros(x.shape, dtype=np.uint64), range_m=range_m, **seen)
 
 
+def _arrival_information(batch: ArrivalBatch, *point: FloatArray) -> Information:
+    rows = arrival_rows(batch)
+    local = tuple(part - middle for part, middle in zip(point, rows.center, strict=False))
+    return Information(rows.information(*local), np.full(point[0].shape, batch.measurements, dtype=np.int64))
+
+
+def _arrivals_seen_from(batch: ArrivalBatch, *point: FloatArray) -> ArrivalBatch:
+    every = _repeated(batch, point[0].shape[0])
+    sensor = [every["sensor_xy_m"][..., 0], every["sensor_xy_m"][..., 1]]
+    sensor += [every["sensor_z_m"]] if batch.dimension == 3 else []
+    squares = [(part[:, None] - own) ** 2 for part, own in zip(point, sensor, strict=True)]
+    every["arrival_m"] = np.asfortranarray(np.sqrt(np.sum(squares, axis=0)))
+    return replace(batch, **every)
+
+
 INFORMATION: dict[str, InformationModel] = {
     "bearings": InformationModel(at=_bearing_information, seen_from=_bearings_seen_from),
     "ranges": InformationModel(at=_range_information, seen_from=_ranges_seen_from),
+    "arrivals": InformationModel(at=_arrival_information, seen_from=_arrivals_seen_from),
 }
 """By kind of measurement."""
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["find_scenario", "scenario_module", "scenarios"]
 
 _MODULES = {
+    "arrivals": "nlosctl.scenarios.arrival_world",
     "bearings": "nlosctl.scenarios.scene_bearings",
     "box": "nlosctl.scenarios.box",
     "echo-field": "nlosctl.scenarios.echo_field",

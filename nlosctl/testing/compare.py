@@ -19,7 +19,7 @@ _OF_STD = 1e-7
 """How far rounding and the end of an iteration may move a fix: as a share of the scene's size, and of its std."""
 
 _ROUNDED = 1e-12
-"""Largest rounding error of a number that is zero, such as a residual where two rays cross."""
+"""Largest rounding error of a number that is zero, such as a residual where two rays cross; of a length per metre."""
 
 
 def estimates_of(solution: Solution, snapshots: IntArray) -> dict[str, Any]:
@@ -57,7 +57,7 @@ def close_solutions(expected: Solution, got: Solution, size_m: float) -> Iterato
             return
     yield from _close_estimates(one, other, size_m)
     if expected.flags is not None and got.flags is not None:
-        yield from _close_flags(expected.flags, got.flags)
+        yield from _close_flags(expected.flags, got.flags, size_m)
 
 
 def _close_estimates(one: Estimates, other: Estimates, size_m: float) -> Iterator[str]:
@@ -83,7 +83,7 @@ def _close_estimates(one: Estimates, other: Estimates, size_m: float) -> Iterato
         yield f"the chi-square of estimate {worst} is {other.chi_square[worst]}, not {one.chi_square[worst]}"
 
 
-def _close_flags(one: Flags, other: Flags) -> Iterator[str]:
+def _close_flags(one: Flags, other: Flags, size_m: float) -> Iterator[str]:
     if not np.array_equal(one.used, other.used):
         yield f"flags.used differs: {_first_difference(one.used, other.used)}"
     for name in sorted(one.columns.keys() & other.columns.keys()):
@@ -91,7 +91,8 @@ def _close_flags(one: Flags, other: Flags) -> Iterator[str]:
         if left.dtype.kind != "f":
             differs = not np.array_equal(left, right)
         else:
-            allowed = _ROUNDED + 1e-5 * np.nan_to_num(np.abs(left)).max(initial=0.0)
+            rounded = _ROUNDED * (max(1.0, size_m) if name.endswith("_m") else 1.0)
+            allowed = rounded + 1e-5 * np.nan_to_num(np.abs(left)).max(initial=0.0)
             differs = not np.allclose(left, right, rtol=1e-5, atol=allowed, equal_nan=True)
         if differs:
             yield f"flags.{name} differs: {_first_difference(left, right)}"

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +14,8 @@ from nlosctl.geometry.angles import wrap_angle
 from nlosctl.models.bearing_predictions import predict_bearings
 from nlosctl.models.ranges.predictions import predict_ranges
 from nlosctl.models.triplets import predict_triplets
+from nlosctl.testing.arrival_draws import ARRIVAL_DRAW
+from nlosctl.testing.trials import Draw, Trial
 
 __all__ = [
     "DRAWS",
@@ -30,28 +29,6 @@ __all__ = [
     "mirror_scene",
     "range_batch",
 ]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Trial:
-    """A random batch with the size of its scene in metres, the reference for rounding errors."""
-
-    batch: Any
-    size_m: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Draw:
-    """How batches of a kind are drawn and turned.
-
-    ``trial(generator, snapshots, measurements, fault)`` draws a batch; ``fault`` is None for ordinary snapshots, or
-    one of ``faults``, each a name of what is degenerate in every snapshot. ``directions`` names the batch's arrays
-    that turn with the frame; those whose names end in ``_xy_m`` are positions.
-    """
-
-    trial: Callable[[np.random.Generator, int, int, str | None], Trial]
-    faults: tuple[str, ...]
-    directions: tuple[str, ...]
 
 
 _SCALES_M = (1e-2, 1.0, 1e3, 1e6)
@@ -275,6 +252,7 @@ DRAWS: dict[tuple[str, str], Draw] = {
     ("ranges", "identify-los"): Draw(
         trial=draw_echoes, faults=("one point", "on one line", "clutter alone"), directions=()
     ),
+    ("arrivals", "localize"): ARRIVAL_DRAW,
     ("triplets", "localize"): _TRIPLET_DRAW,
     ("triplets", "detect-ip"): _TRIPLET_DRAW,
 }

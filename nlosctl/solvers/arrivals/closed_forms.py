@@ -37,7 +37,7 @@ def initial_estimates(rows: ArrivalRows) -> Points:
     in it, and a point far away where a plane wave would come from. With a measured height also all of them, and
     Bancroft's for that height, at the height.
     """
-    size = np.maximum(rows.size_m(), np.finfo(np.float64).tiny)
+    size = rows.size_m()
     weight = 1.0 / (rows.std_m * rows.std_m)
     weight = weight / sum_measurements(weight)[:, None]
     sensor = [part / size[:, None] for part in rows.sensor]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Protocol, Self
 
@@ -15,7 +15,7 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
 from nlosctl.solvers.optimization.problem import Problem
 
-__all__ = ["End", "Landscape", "TwoBest", "are_apart", "are_images", "find_best_two"]
+__all__ = ["End", "Landscape", "TwoBest", "are_apart", "are_images", "find_best_two", "nearer_first"]
 
 _DISTINCT_STANDARD_DEVIATIONS = 1e-3
 """Optima nearer to each other than this are the same."""
@@ -25,6 +25,9 @@ _PATIENCE = 20
 
 _NO_RIVAL = 1e3
 """A point this many nats worse than a good fit is the start of no other good one."""
+
+_EQUAL = 1e-9
+"""Costs that differ by a smaller share are equal."""
 
 _BARRIER = 0.5
 """Mirror images are one broad optimum unless the point half way between them costs so many nats more."""
@@ -159,6 +162,21 @@ def _descend(
         with ignoring_invalid():
             converged = converged | (reduce(np.hypot, minimum.point) > far_m[rows])
     return End(minimum.point, minimum.cost, converged & np.isfinite(minimum.cost))
+
+
+def nearer_first(one: End, other: End) -> tuple[End, End]:
+    """Return two optima (B,), that nearer to the local origin first where their costs are equal up to rounding.
+
+    As many measurements as unknowns have two exact solutions: rounding must not choose.
+    """
+    with ignoring_invalid():
+        equal = np.abs(one.cost - other.cost) <= _EQUAL * (1.0 + one.cost)
+        farther = reduce(np.hypot, one.point) > reduce(np.hypot, other.point)
+    rows = np.flatnonzero(equal & farther & one.converged & other.converged)
+    first, second = one.take(rows), other.take(rows)
+    one.put(rows, replace(second, cost=first.cost))
+    other.put(rows, replace(first, cost=second.cost))
+    return one, other
 
 
 def are_images(landscape: Landscape, one: tuple[FloatArray, ...], other: tuple[FloatArray, ...]) -> BoolArray:

@@ -1,0 +1,100 @@
+"""Arrival times of one source at microphones around a meadow, or at receivers of an aircraft's signals in space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from nlosctl.arrays import FloatArray
+from nlosctl.contract.options import option
+from nlosctl.contract.scene import Scene, Sensor
+from nlosctl.scenarios.bearing_rows import sensor_names
+from nlosctl.scenarios.spec import Columns, ScenarioSpec
+
+__all__ = ["SCENARIO", "ArrivalOptions", "generate", "scene"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArrivalOptions:
+    """Parameters of ``arrivals``; the heights matter with ``dimensions=3``."""
+
+    sensors: int = option(8, minimum=1, maximum=100_000, meaning="sensors on the circle")
+    radius_m: float = option(500.0, unit="m", minimum=0.0, exclusive=True, meaning="radius of the sensors' circle")
+    source_radius_m: float = option(
+        400.0, unit="m", minimum=0.0, meaning="radius of the concentric disc that contains the source"
+    )
+    dimensions: Literal["2", "3"] = option("2", meaning="2: a plane; 3: sensors and source have heights")
+    sensor_height_m: float = option(
+        100.0, unit="m", minimum=0.0, meaning="sensors are at every other height of 0 and this"
+    )
+    source_height_m: tuple[float, float] = option(
+        (0.0, 300.0), unit="m", meaning="lowest and highest height of the source; uniform between them"
+    )
+    arrival_std_m: float = option(
+        1.0, unit="m", minimum=0.0, exclusive=True, meaning="standard deviation of every arrival"
+    )
+    outlier_fraction: float = option(
+        0.0, minimum=0.0, maximum=1.0, meaning="share of the rows that are late by an exponential delay"
+    )
+    delay_mean_m: float = option(60.0, unit="m", minimum=0.0, exclusive=True, meaning="mean delay of such a row")
+    offset_m: float = option(1e5, unit="m", minimum=0.0, meaning="offsets are uniform within this on either side of 0")
+
+
+def scene(options: ArrivalOptions) -> Scene:
+    """Return the sensors, the first on the +x axis, counter-clockwise."""
+    angle = 2.0 * np.pi * np.arange(options.sensors) / options.sensors
+    x, y = options.radius_m * np.cos(angle), options.radius_m * np.sin(angle)
+    in_space = options.dimensions == "3"
+    heights = [options.sensor_height_m * (number % 2) if in_space else None for number in range(options.sensors)]
+    return Scene(
+        sensors=tuple(
+            Sensor(
+                name=name, position=(float(x[k]), float(y[k])), z_m=heights[k] if options.dimensions == "3" else None
+            )
+            for k, name in enumerate(sensor_names(options.sensors))
+        )
+    )
+
+
+def generate(options: ArrivalOptions, generator: np.random.Generator, snapshots: int) -> Columns:
+    """Sample snapshots, each with its own source, uniform over the disc, and its own offset."""
+    world = scene(options)
+    shape = (snapshots, options.sensors)
+    radius = options.source_radius_m * np.sqrt(generator.random(snapshots))
+    angle = generator.uniform(-np.pi, np.pi, snapshots)
+    source = [radius * np.cos(angle), radius * np.sin(angle), generator.uniform(*options.source_height_m, snapshots)]
+    sensors = [np.array([(*sensor.position, sensor.z_m or 0.0)[axis] for sensor in world.sensors]) for axis in range(3)]
+    dimension = int(options.dimensions)
+    offset = options.offset_m * generator.uniform(-1.0, 1.0, snapshots)
+    squares = [(part[:, None] - own) ** 2 for part, own in zip(source[:dimension], sensors, strict=False)]
+    arrival = np.sqrt(np.sum(squares, axis=0)) + offset[:, None]
+    arrival = arrival + options.arrival_std_m * generator.standard_normal(shape)
+    is_direct = generator.random(shape) >= options.outlier_fraction
+    arrival = np.where(is_direct, arrival, arrival + generator.exponential(options.delay_mean_m, shape))
+
+    def repeated(values: FloatArray) -> FloatArray:
+        return np.repeat(values, options.sensors)
+
+    return {
+        "snapshot": np.repeat(np.arange(snapshots, dtype=np.int64), options.sensors),
+        "sensor": np.tile(np.array([sensor.name for sensor in world.sensors], dtype=object), snapshots),
+        **{f"sensor_{axis}_m": np.tile(own, snapshots) for axis, own in zip("xyz", sensors[:dimension], strict=False)},
+        "arrival_m": arrival.ravel(),
+        "arrival_std_m": np.full(arrival.size, options.arrival_std_m),
+        **{f"truth_{axis}_m": repeated(part) for axis, part in zip("xyz", source[:dimension], strict=False)},
+        "truth_offset_m": repeated(offset),
+        "truth_los": is_direct.ravel(),
+    }
+
+
+SCENARIO = ScenarioSpec(
+    name="arrivals",
+    kind="arrivals",
+    summary="arrival times of a source in a ring of sensors, in the plane or in space, some late; unknown offset",
+    reference="generic",
+    options=ArrivalOptions,
+    scene=scene,
+    generate=generate,
+)
