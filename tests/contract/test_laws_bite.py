@@ -162,7 +162,7 @@ def test_an_exception_breaks_the_law() -> None:
 
 def test_unknown_kinds_are_refused() -> None:
     """A method for a kind that cannot be drawn is an error that lists the kinds."""
-    with pytest.raises(LawBroken, match=r"no batches can be drawn for smells \(localize\); there are: bearings"):
+    with pytest.raises(LawBroken, match=r"no batches can be drawn for smells \(localize\); there are: arrivals"):
         check_method(toys.toy(kind="smells"))
 
 

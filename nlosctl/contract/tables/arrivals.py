@@ -128,6 +128,7 @@ ARRIVALS = Table(
             required=True,
             positive=True,
             constant_allowed=True,
+            estimable=True,
             meaning="standard deviation of the arrival error, of a single arrival; if a snapshot has differences to "
             "several references: of the difference",
             spellings=_times("arrival_std"),

@@ -99,7 +99,7 @@ def _sensors(chunk: Chunk, reader: MeasurementReader) -> Sequence[str]:
 
 def _repeats(chunk: Chunk) -> int:
     codes: Any = chunk.columns.get("sensor")
-    if codes is None:
+    if codes is None or "path" not in chunk.columns:
         return 0
     snapshot = np.repeat(np.arange(chunk.offsets.shape[0] - 1), np.diff(chunk.offsets))
     rows = np.stack([snapshot, codes, chunk.columns["path"]], axis=1)

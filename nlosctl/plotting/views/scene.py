@@ -144,6 +144,8 @@ def _draw_measurements(
     bearings = "bearing_rad" in measured.columns
     if target_z_m is not None and bearings and "range_m" not in measured.columns:
         raise UsageError("`target_z_m` needs ranges")
+    if not bearings and "range_m" not in measured.columns:
+        raise UsageError(f"there is no picture of the rows of {measured.kind}; plot the estimates")
     radius, notes = (None, []) if bearings else horizontal_ranges(measured, target_z_m)
     if len(kinds) > MANY_ROWS:
         _draw_many(axes, measured, np.array(kinds), radius, (extent, focus))

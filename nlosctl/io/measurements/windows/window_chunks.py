@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.run_options import InputOptions
-from nlosctl.errors import DataError
+from nlosctl.errors import DataError, UsageError
 from nlosctl.io.measurements.column_mapping import NULL_CODE, SNAPSHOT
 from nlosctl.io.measurements.duplicates import find_duplicates
 from nlosctl.io.measurements.reader import Chunk
@@ -120,6 +120,8 @@ class WindowChunks:
             kept = piece.rows.columns
         elif keep == "nearest":
             leader = _nearest(piece, self._width)
+        elif "arrival_m" in kept:
+            raise UsageError("`window_keep` mean is not for arrivals, which have no mean; set it to all or nearest")
         else:
             leader = _first_of_sensor(piece)
             kept, opposite = merged_columns(kept, leader, piece.start[piece.window])

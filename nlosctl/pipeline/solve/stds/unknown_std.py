@@ -113,6 +113,8 @@ def with_unknown_std(runs: Sequence[MethodRun], kind: str, dimension: int, pool:
     """
     if dimension == 3:
         raise UsageError("`estimate_std` is for two dimensions; set `dimensions` to 2, or give the standard deviations")
+    if kind == "arrivals" and pool != "snapshot":
+        raise UsageError(f"`estimate_std` of arrivals is per snapshot. Got {pool!r}; set it to snapshot")
     for run in runs:
         spec = run.spec
         if not (spec.scales_std or spec.direct_rows is not None):
