@@ -12,10 +12,10 @@ import numpy.typing as npt
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.results import has_covariance, is_fix
 from nlosctl.contract.statuses import Status
-from nlosctl.evaluation.consistency import nees_interval, squared_mahalanobis
+from nlosctl.evaluation.consistency import nees_interval, squared_mahalanobis, uncertain_coordinates
 from nlosctl.evaluation.error_statistics import error_percentiles, ratio, rmse_std_error, rows_by_group
 from nlosctl.evaluation.summaries import EstimateSummary
-from nlosctl.geometry.ellipses import ellipse_threshold
+from nlosctl.geometry.ellipses import ellipse_threshold, ellipsoid_threshold
 
 __all__ = ["EstimateRows", "EstimateScores", "FitTally", "nearest_alternatives"]
 
@@ -28,7 +28,9 @@ _PROBABILITIES = (0.50, 0.90, 0.95, 0.99)
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateRows:
-    """N estimates: position (N, 2), covariance (N, 3) as xx, xy, yy, status (N,) as ``Status`` numbers, truth (N, 2).
+    """N estimates: position and truth (N, D), covariance (N, D (D + 1) / 2) as xx, xy, yy and in space xz, yz, zz.
+
+    ``status`` (N,) are ``Status`` numbers.
 
     Metres and square metres; NaN for an absent value. ``used_share``, ``fit_p_value`` and ``std_dof`` (N,), the degrees
     of freedom of estimated standard deviations, are None where the table has no such column.
@@ -51,7 +53,10 @@ class EstimateRows:
     def error_m(self) -> FloatArray:
         """The distances (N,) from the truth: infinite without a fix, NaN without a truth."""
         offset = self.position_m - self.truth_m
-        distance = np.where(self.answered, np.hypot(offset[:, 0], offset[:, 1]), np.inf)
+        distance = np.hypot(offset[:, 0], offset[:, 1])
+        for height in offset.T[2:]:
+            distance = np.hypot(distance, height)
+        distance = np.where(self.answered, distance, np.inf)
         return np.where(np.isfinite(self.truth_m).all(axis=1), distance, np.nan)
 
     def take(self, rows: IntArray) -> EstimateRows:
@@ -163,12 +168,14 @@ class _Tally:
     without_truth: int = 0
     bad_covariances: int = 0
     nees_rows: int = 0
+    dimension: int = 2
+    nees_degrees: int = 0
     with_std_dof: int = 0
     statuses: IntArray = field(default_factory=lambda: np.zeros(len(Status), dtype=np.int64))
     inside: IntArray = field(default_factory=lambda: np.zeros(len(_PROBABILITIES), dtype=np.int64))
     answered: int = 0
     fit: FitTally = field(default_factory=FitTally)
-    sums: FloatArray = field(default_factory=lambda: np.zeros(6))
+    sums: FloatArray = field(default_factory=lambda: np.zeros(9))
     errors: list[FloatArray] = field(default_factory=list)
 
     def add(self, rows: EstimateRows) -> None:
@@ -182,6 +189,9 @@ class _Tally:
         squared = squared_mahalanobis(rows.position_m[promised] - rows.truth_m[promised], rows.covariance_m2[promised])
         proper = np.isfinite(squared)
         usable, degrees = squared[proper], None if rows.std_dof is None else rows.std_dof[promised][proper]
+        unknowns = uncertain_coordinates(rows.covariance_m2[promised])[proper]
+        self.dimension = rows.position_m.shape[1]
+        self.nees_degrees += int(unknowns.sum())
         self.errors.append(error)
         self.fit.add(answered, rows.used_share, rows.fit_p_value)
         self.answered += int(np.count_nonzero(answered))
@@ -189,15 +199,23 @@ class _Tally:
         self.bad_covariances += squared.size - usable.size
         self.nees_rows += usable.size
         self.with_std_dof += 0 if degrees is None else int(np.count_nonzero(~np.isnan(degrees)))
-        self.inside += [int(np.count_nonzero(usable <= ellipse_threshold(p, degrees))) for p in _PROBABILITIES]
+        limits = [ellipse_threshold(p, degrees) for p in _PROBABILITIES]
+        if self.dimension == 3:
+            limits = [ellipsoid_threshold(p, unknowns) for p in _PROBABILITIES]
+        self.inside += [int(np.count_nonzero(usable <= limit)) for limit in limits]
         distance = error[answered]
-        for index, values in enumerate((offset[:, 0], offset[:, 1], distance, distance**2, distance**4, usable)):
+        summed = [offset[:, 0], offset[:, 1], distance, distance**2, distance**4, usable]
+        if self.dimension == 3:
+            summed += [offset[:, 2], offset[:, 2] ** 2, offset[:, 0] ** 2 + offset[:, 1] ** 2]
+        for index, values in enumerate(summed):
             self.sums[index] = _running_sum(self.sums[index], values)
 
     def include(self, other: _Tally) -> None:
         self.without_truth += other.without_truth
         self.bad_covariances += other.bad_covariances
         self.nees_rows += other.nees_rows
+        self.nees_degrees += other.nees_degrees
+        self.dimension = other.dimension
         self.with_std_dof += other.with_std_dof
         self.answered += other.answered
         self.fit.include(other.fit)
@@ -211,7 +229,7 @@ class _Tally:
         bias_x, bias_y, mean, mean_square, mean_fourth = (ratio(total, self.answered) for total in self.sums[:5])
         median, p90, p95, p99 = error_percentiles(errors, _PERCENTS)
         judged = 0 if self.with_std_dof else self.nees_rows  # of estimated std the mean NEES is no judge
-        low, high = nees_interval(judged)
+        low, high = nees_interval(judged, degrees=self.nees_degrees)
         inside_50, inside_90, inside_95, inside_99 = (int(number) for number in self.inside)
         return EstimateSummary(
             rows=errors.size,
@@ -224,6 +242,7 @@ class _Tally:
             rmse_std_error_m=rmse_std_error(self.answered, mean_square, mean_fourth),
             bias_x_m=bias_x,
             bias_y_m=bias_y,
+            **self._heights(),
             mean_m=mean,
             median_m=median,
             p90_m=p90,
@@ -244,6 +263,14 @@ class _Tally:
             coverage_95=ratio(inside_95, self.nees_rows),
             coverage_99=ratio(inside_99, self.nees_rows),
         )
+
+    def _heights(self) -> dict[str, float]:
+        """Return the figures that only positions in space have."""
+        if self.dimension == 2:
+            return {}
+        bias, vertical, horizontal = (ratio(total, self.answered) for total in self.sums[6:])
+        roots = {"horizontal_rmse_m": math.sqrt(horizontal), "vertical_rmse_m": math.sqrt(vertical)}
+        return {**roots, "bias_z_m": bias}
 
 
 def _running_sum(start: float, values: FloatArray) -> float:

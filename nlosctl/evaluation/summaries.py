@@ -21,7 +21,8 @@ class EstimateSummary:
     and the rows independent. ``inside_p`` rows are inside their p % ellipse, ``coverage_p`` is their share.
     ``bad_covariances`` counts covariances that are not positive definite. ``mean_used_share`` is the mean of
     ``used_share`` over the fixes, ``share_p_below_0001`` the share with a ``fit_p_value`` below 0.001, of those that
-    have one.
+    have one. Of positions in space, errors, ``rmse_m`` and ellipsoids are in space; ``horizontal_rmse_m``,
+    ``vertical_rmse_m`` and ``bias_z_m`` are None in the plane.
     """
 
     rows: int
@@ -33,7 +34,10 @@ class EstimateSummary:
     rmse_m: float
     rmse_std_error_m: float
     bias_x_m: float
+    horizontal_rmse_m: float | None = None
+    vertical_rmse_m: float | None = None
     bias_y_m: float
+    bias_z_m: float | None = None
     mean_m: float
     median_m: float
     p90_m: float

@@ -17,7 +17,6 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.arrivals import arrival_rows
 from nlosctl.models.bearing_predictions import predict_bearings
 from nlosctl.models.bearings import SightLines, sight_lines
-from nlosctl.models.ranges.circles import range_circles
 from nlosctl.models.ranges.predictions import predict_ranges, predict_space_ranges
 from nlosctl.models.ranges.spheres import range_rows
 from nlosctl.models.space.paths import predict_directions
@@ -186,20 +185,27 @@ INFORMATION: dict[str, InformationModel] = {
 """By kind of measurement."""
 
 
-def _unit_bearing_information(batch: BearingBatch, x: FloatArray, y: FloatArray) -> SymmetricMatrix:
+def _unit_bearing_information(batch: BearingBatch, *point: FloatArray) -> SymmetricMatrix:
+    if batch.dimension == 3:
+        rays = space_lines(batch)
+        local = tuple(part - middle for part, middle in zip(point, rays.center, strict=True))[: rays.unknowns]
+        with ignoring_division():
+            unit = np.where(np.isinf(rays.std), np.inf, 1.0 / np.abs(rays.tube_width_m(*local)))
+        return rays.with_std(unit).information(*local)
+    x, y = point
     lines = sight_lines(batch)
     local_x, local_y = x - lines.center_x, y - lines.center_y
     with ignoring_division():
         return replace(lines, std_rad=1.0 / np.abs(lines.tube_width_m(local_x, local_y))).information(local_x, local_y)
 
 
-def _unit_range_information(batch: RangeBatch, x: FloatArray, y: FloatArray) -> SymmetricMatrix:
-    circles = range_circles(replace(batch, range_std_m=np.ones_like(batch.range_std_m)))
-    return circles.information(x - circles.center_x, y - circles.center_y)
+def _unit_range_information(batch: RangeBatch, *point: FloatArray) -> SymmetricMatrix:
+    rows = range_rows(replace(batch, range_std_m=np.ones_like(batch.range_std_m)))
+    return rows.information(*(part - middle for part, middle in zip(point, rows.center, strict=False)))
 
 
-UNIT_INFORMATION: dict[str, Callable[[Any, FloatArray, FloatArray], SymmetricMatrix]] = {
+UNIT_INFORMATION: dict[str, Callable[..., SymmetricMatrix]] = {
     "bearings": _unit_bearing_information,
     "ranges": _unit_range_information,
 }
-"""Information of points (B,) if every line or circle of position had a std of 1 m: the geometry alone."""
+"""Information of points, D arrays (B,), if every line or circle of position had a std of 1 m: the geometry alone."""

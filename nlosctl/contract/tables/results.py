@@ -26,6 +26,14 @@ ELLIPSE = (
         nullable=True,
         meaning="direction of the major axis, counter-clockwise from +x",
     ),
+    Column(
+        name="half_height_m",
+        type="number",
+        unit="m",
+        nullable=True,
+        of_space=True,
+        meaning="half of the interval about z that contains ellipse_probability of the errors of the height",
+    ),
     Column(name="ellipse_probability", type="number", nullable=True, meaning="probability of the ellipse"),
 )
 """The columns of estimates that the setting ``ellipse`` asks for."""
@@ -40,6 +48,15 @@ _ADDED = (
         meaning="circular error probable: radius of the circle about x, y that contains half of Gaussian errors",
     ),
     Column(
+        name="sep50_m",
+        type="number",
+        unit="m",
+        nullable=True,
+        add="sep50",
+        of_space=True,
+        meaning="spherical error probable: radius of the sphere about the position with half of Gaussian errors",
+    ),
+    Column(
         name="gdop",
         type="number",
         nullable=True,
@@ -47,13 +64,25 @@ _ADDED = (
         meaning="geometric dilution of precision: root of the trace of the covariance if every used row had a line or "
         "circle of position with a standard deviation of 1 m",
     ),
+    *(
+        Column(
+            name=name,
+            type="number",
+            nullable=True,
+            add=name,
+            of_space=True,
+            meaning=f"{part} part of gdop, in three dimensions",
+        )
+        for name, part in (("hdop", "horizontal"), ("vdop", "vertical"))
+    ),
     Column(
         name="nees",
         type="number",
         nullable=True,
         add="nees",
         meaning="normalized estimation error squared e' C^-1 e, from the error e of x, y (the input needs truth_x_m "
-        "and truth_y_m) and the covariance C; mean 2 if covariances are correct; null without a truth or a covariance",
+        "and truth_y_m, in three dimensions truth_z_m too) and the covariance C; mean 2 (in three dimensions 3) if "
+        "covariances are correct; null without a truth or a covariance",
     ),
 )
 

@@ -14,8 +14,9 @@ import pyarrow.compute as pc
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.statuses import Status
+from nlosctl.contract.tables import TRUTH_HEIGHT
 from nlosctl.errors import DataError
-from nlosctl.io.results.layouts import TRUTH_NAMES
+from nlosctl.io.results.layouts import COVARIANCE, OF_SPACE, POSITION, TRUTH_NAMES
 from nlosctl.io.results.truth_table import TruthTable
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "estimate_arrays",
     "fit_arrays",
     "group_codes",
+    "has_heights",
     "numbers",
     "whole_snapshots",
 ]
@@ -34,7 +36,7 @@ _STATUSES = pa.array([status.word for status in Status])
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateArrays:
-    """N estimates: position and truth (N, 2), covariance (N, 3) as xx, xy, yy, and columns (N,).
+    """N estimates: position and truth (N, D), covariance (N, D (D + 1) / 2) as xx, xy, yy, xz, yz, zz; columns (N,).
 
     ``used_share``, ``fit_p_value`` and ``std_dof`` are None where the table does not have them.
     """
@@ -60,18 +62,25 @@ def estimate_arrays(table: Any, truth: TruthTable | None, name: str) -> Estimate
         raise DataError(f"{name}, column 'status': got {word!r}, expected one of {', '.join(_STATUSES.to_pylist())}")
     if table.column("alternative").null_count:
         raise DataError(f"{name}, column 'alternative': got empty cells, expected a number in every row")
-    for column in TRUTH_NAMES:
+    dimension = 3 if has_heights(table.column_names) else 2
+    truth_names = (*TRUTH_NAMES, TRUTH_HEIGHT.name)[:dimension]
+    for column in truth_names:
         if truth is None and column not in table.column_names:
             raise DataError(f"{name}: no column {column!r}; add it, or pass a file that has it as `truth`")
     return EstimateArrays(
-        position_m=_stack(table, ("x_m", "y_m"), name),
-        covariance_m2=_stack(table, ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2"), name, LARGEST_NUMBER**2),
+        position_m=_stack(table, POSITION[:dimension], name),
+        covariance_m2=_stack(table, COVARIANCE[: dimension * (dimension + 1) // 2], name, LARGEST_NUMBER**2),
         status=np.asarray(status).astype(np.uint8),
-        truth_m=_stack(table, TRUTH_NAMES, name) if truth is None else truth.look_up(table, name),
+        truth_m=_stack(table, truth_names, name) if truth is None else truth.look_up(table, name, dimension),
         alternative=np.asarray(table.column("alternative")).astype(np.int64),
         **fit_arrays(table),
         std_dof=numbers(table.column("std_dof")) if "std_dof" in table.column_names else None,
     )
+
+
+def has_heights(names: Sequence[str]) -> bool:
+    """Return whether estimates with the columns ``names`` are of three dimensions."""
+    return set(OF_SPACE) <= set(names)
 
 
 def fit_arrays(table: Any) -> dict[str, FloatArray | None]:

@@ -21,7 +21,9 @@ from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.readers.base import plain_type
 
 __all__ = [
+    "COVARIANCE",
     "OF_SPACE",
+    "POSITION",
     "TRUTH_NAMES",
     "ChunkEstimates",
     "EstimatesLayout",
@@ -39,8 +41,8 @@ OF_SPACE = ("z_m", "cov_xz_m2", "cov_yz_m2", "cov_zz_m2")
 """The columns of estimates in three dimensions beside those of the plane."""
 
 TRUTH_NAMES = ("truth_x_m", "truth_y_m")
-_POSITION = ("x_m", "y_m", "z_m")
-_COVARIANCE = ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2", "cov_xz_m2", "cov_yz_m2", "cov_zz_m2")
+POSITION = ("x_m", "y_m", "z_m")
+COVARIANCE = ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2", "cov_xz_m2", "cov_yz_m2", "cov_zz_m2")
 _TRUTH = tuple(column.name for column in ESTIMATES.columns if column.carried)
 _OWN = {column.name for column in ESTIMATES.columns if not column.carried} | {"source"}
 _STATUS_WORDS = pa.array([status.word for status in Status])
@@ -183,8 +185,8 @@ class EstimatesLayout:
             values[name] = pa.array(getattr(estimates, name))
         missing = pa.nulls(estimates.snapshot.shape[0])
         values |= dict.fromkeys(self.optional, missing)
-        values |= dict(zip(_POSITION, map(nullable, estimates.position_m.T), strict=False))
-        values |= dict(zip(_COVARIANCE, map(nullable, estimates.covariance_m2.T), strict=False))
+        values |= dict(zip(POSITION, map(nullable, estimates.position_m.T), strict=False))
+        values |= dict(zip(COVARIANCE, map(nullable, estimates.covariance_m2.T), strict=False))
         if chunk.windows is not None:
             values["time_s"] = pa.array(chunk.windows.time_s[estimates.snapshot])
         values |= {name: nullable(column) for name, column in estimates.columns.items()}

@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.scene import parse_frame
-from nlosctl.contract.tables import TRUTH
+from nlosctl.contract.tables import TRUTH, TRUTH_HEIGHT
 from nlosctl.errors import DataError
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.results.reader import PlainReader
@@ -58,7 +58,8 @@ class TruthTable:
         self._ids = pa.concat_arrays([rows.ids for rows in read])
         sources = [rows.sources for rows in read]
         self._sources = None if any(names is None for names in sources) else pa.concat_arrays(sources)
-        self._position = np.concatenate([rows.position for rows in read])
+        least = min(rows.position.shape[1] for rows in read)
+        self._position = np.concatenate([rows.position[:, :least] for rows in read])
         self._on_earth = np.concatenate([rows.on_earth for rows in read])
         self._files = [part.name for part in parts]
         self._file = np.repeat(np.arange(len(parts)), [len(rows.rows) for rows in read])
@@ -67,11 +68,12 @@ class TruthTable:
         self._source_of: npt.NDArray[Any] = np.full(len(self._ids), None, dtype=object)
         self.snapshots = self.matched = 0
 
-    def look_up(self, estimates: Any, name: str) -> FloatArray:
-        """Return the truth (N, 2) of a table of whole snapshots; NaN without a truth.
+    def look_up(self, estimates: Any, name: str, dimension: int = 2) -> FloatArray:
+        """Return the truth (N, D) of a table of whole snapshots; NaN without a truth.
 
         Raises DataError for contradicting truths, an id of several sources, or latitudes without the column ``frame``.
         """
+        self._position = self._of_dimension(dimension)
         by_source = self._sources is not None and "source" in estimates.column_names
         own = _key(estimates.column("snapshot"), estimates.column("source") if by_source else None)
         keys = self._checked_keys(by_source)
@@ -83,12 +85,18 @@ class TruthTable:
         found = np.asarray(index.drop_null())
         if "source" in estimates.column_names and not by_source:
             self._refuse_several_sources(found, estimates.column("source").take(pa.array(rows)), name)
-        truth_m = np.full((len(index), 2), np.nan)
+        truth_m = np.full((len(index), dimension), np.nan)
         truth_m[rows] = self._position[found]
         on_earth = rows[self._on_earth[found]]
         if on_earth.size:
-            truth_m[on_earth] = self._in_plane(truth_m[on_earth], estimates.take(pa.array(on_earth)), name)
+            truth_m[on_earth, :2] = self._in_plane(truth_m[on_earth, :2], estimates.take(pa.array(on_earth)), name)
         return truth_m
+
+    def _of_dimension(self, dimension: int) -> FloatArray:
+        """Return the positions (T, D); raise DataError without heights."""
+        if dimension > self._position.shape[1]:
+            raise DataError(f"{self.name}: no column {TRUTH_HEIGHT.name!r}, and the estimates have heights; add it")
+        return self._position[:, :dimension]
 
     def remark(self) -> list[str]:
         """Return a line on the snapshots without a truth; raise DataError if none of those looked up has one."""
@@ -111,7 +119,10 @@ class TruthTable:
         if by_source not in self._keys:
             keys = _key(self._ids, self._sources if by_source else None)
             first = np.asarray(pc.index_in(keys, value_set=keys))
-            differs = (self._position != self._position[first]).any(axis=1) | (self._on_earth != self._on_earth[first])
+            same = (self._position == self._position[first]) | (
+                np.isnan(self._position) & np.isnan(self._position[first])
+            )
+            differs = ~same.all(axis=1) | (self._on_earth != self._on_earth[first])
             other = np.flatnonzero(differs)
             if other.size:
                 raise DataError(self._contradiction(int(first[other[0]]), int(other[0])))
@@ -121,7 +132,7 @@ class TruthTable:
     def _contradiction(self, first: int, second: int) -> str:
         same = self._file[first] == self._file[second]
         names = ", ".join(_EARTH if self._on_earth[second] else _PLANE)
-        (x, y), (other_x, other_y) = self._position[[first, second]].tolist()
+        (x, y, *_), (other_x, other_y, *_) = self._position[[first, second]].tolist()
         return (
             f"{self._files[self._file[second]]}, row {self._row[second]}: got {names} {other_x:.12g}, {other_y:.12g} "
             f"for snapshot {self._ids[first].as_py()!r}, which has {x:.12g}, {y:.12g} in "
@@ -169,15 +180,16 @@ def _read(part: Input) -> _TrueRows:
             f"The file has: {', '.join(reader.schema.names)}"
         )
     table = reader.read_all()
-    position = np.stack([np.asarray(table.column(name).cast(pa.float64(), safe=False)) for name in names], axis=1)
-    largest = _LARGEST_DEGREES if names == _EARTH else (LARGEST_NUMBER, LARGEST_NUMBER)
-    for name, values, most in zip(names, position.T, largest, strict=True):
+    read = [*names, *([TRUTH_HEIGHT.name] if TRUTH_HEIGHT.name in table.column_names else [])]
+    position = np.stack([np.asarray(table.column(name).cast(pa.float64(), safe=False)) for name in read], axis=1)
+    largest = (*(_LARGEST_DEGREES if names == _EARTH else (LARGEST_NUMBER, LARGEST_NUMBER)), LARGEST_NUMBER)
+    for name, values, most in zip(read, position.T, largest, strict=False):
         if (np.abs(values) > most).any():
             raise DataError(
                 f"{part.name}, column {name!r}: got {values[np.abs(values) > most][0]:g}, "
                 f"expected numbers within {most:g}"
             )
-    given = np.flatnonzero(~np.isnan(position).any(axis=1))
+    given = np.flatnonzero(~np.isnan(position[:, :2]).any(axis=1))
     table = table.take(pa.array(given))
     return _TrueRows(
         ids=_as_text(table.column("snapshot")),

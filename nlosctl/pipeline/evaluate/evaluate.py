@@ -19,7 +19,14 @@ from nlosctl.evaluation.estimates import EstimateRows, EstimateScores, nearest_a
 from nlosctl.evaluation.flags import FlagScores
 from nlosctl.evaluation.targets import TargetScores
 from nlosctl.io.paths.inputs import Input
-from nlosctl.io.results.evaluation_arrays import boolean_codes, estimate_arrays, group_codes, numbers, whole_snapshots
+from nlosctl.io.results.evaluation_arrays import (
+    boolean_codes,
+    estimate_arrays,
+    group_codes,
+    has_heights,
+    numbers,
+    whole_snapshots,
+)
 from nlosctl.io.results.reader import PlainReader
 from nlosctl.io.results.truth_table import TruthTable
 
@@ -98,6 +105,7 @@ def evaluate_inputs(inputs: Sequence[Input], *, truth: TruthTable | None, best_a
 def _evaluate_estimates(readers: Readers, truth: TruthTable | None, best_alternative: bool) -> Evaluation:
     scores = EstimateScores()
     grouping: list[str] = []
+    _refuse_mixed_dimensions(readers)
     for source, reader in readers:
         grouping = grouping_columns(reader.schema.names)
         for table in whole_snapshots(reader.batches()):
@@ -120,6 +128,18 @@ def _evaluate_estimates(readers: Readers, truth: TruthTable | None, best_alterna
             scores.add(rows.take(counted), group[counted], [_named(readers, source, key) for key in keys])
     evaluation = present("estimates", scores, readers, grouping)
     return evaluation if truth is None else dataclasses.replace(evaluation, notes=tuple(truth.remark()))
+
+
+def _refuse_mixed_dimensions(readers: Readers) -> None:
+    """Raise DataError for estimates with heights beside estimates without."""
+    first, others = readers[0], readers[1:]
+    for source, reader in others:
+        if has_heights(reader.schema.names) != has_heights(first[1].schema.names):
+            high, flat = (source, first[0]) if has_heights(reader.schema.names) else (first[0], source)
+            raise DataError(
+                f"{flat.name}: no column 'z_m', but {high.name} has one: estimates of two and of three dimensions; "
+                "evaluate them one by one"
+            )
 
 
 def _evaluate_flags(readers: Readers) -> Evaluation:
@@ -193,8 +213,13 @@ def present(
     groups: list[dict[str, Any]] = []
     for key, summary in scores.result().items():
         assert isinstance(key, tuple)  # noqa: S101 - made above
-        groups.append({**dict(zip(names, key, strict=True)), **dataclasses.asdict(summary)})
+        groups.append({**dict(zip(names, key, strict=True)), **_figures(summary)})
     if not groups:
         raise DataError(f"{', '.join(source.name for source, _ in readers)}: no rows to evaluate")
     several = len({group.get("method") for group in groups}) > 1
-    return Evaluation(of=of, groups=groups, overall=None if several else dataclasses.asdict(scores.overall()))
+    return Evaluation(of=of, groups=groups, overall=None if several else _figures(scores.overall()))
+
+
+def _figures(summary: Any) -> dict[str, Any]:
+    """Return the figures of a summary, without those that only space has where there are none."""
+    return {name: value for name, value in dataclasses.asdict(summary).items() if value is not None}

@@ -6,18 +6,24 @@ A column that ``add`` asks for is declared in `nlosctl.contract.tables` and comp
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
 from nlosctl.contract.scene import EarthFrame
-from nlosctl.contract.tables import ADDED_COLUMNS, ELLIPSE
+from nlosctl.contract.tables import ADDED_COLUMNS, ELLIPSE, TRUTH_HEIGHT
 from nlosctl.errors import UsageError, did_you_mean
 from nlosctl.evaluation.consistency import squared_mahalanobis
-from nlosctl.geometry.ellipses import circular_error_probable, ellipse_threshold, error_ellipse
-from nlosctl.geometry.symmetric import Symmetric2x2
+from nlosctl.geometry.ellipses import (
+    circular_error_probable,
+    ellipse_threshold,
+    error_ellipse,
+    spherical_error_probable,
+)
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.results.layouts import TRUTH_NAMES, ChunkEstimates
 from nlosctl.io.scenes.places import errors_in
@@ -25,6 +31,7 @@ from nlosctl.io.scenes.scene_file import plane_of
 from nlosctl.models.information import UNIT_INFORMATION
 from nlosctl.pipeline.solve.method_runs import MethodRun
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver, dense_batch, dense_blocks
+from nlosctl.pipeline.solve.target_heights import by_height
 
 __all__ = ["ADDED", "AddedColumn", "check_added", "further_columns", "optional_columns"]
 
@@ -47,19 +54,22 @@ class AddedColumn:
     needs_flags: bool = False
 
 
-def optional_columns(ellipse: float | None, add: Sequence[str]) -> frozenset[str]:
+def optional_columns(ellipse: float | None, add: Sequence[str], dimension: int) -> frozenset[str]:
     """Return the names of the columns that ``ellipse`` and ``add`` ask for; raises UsageError for an unknown name."""
     for name in add:
         if name not in ADDED_COLUMNS:
             near = did_you_mean(name, ADDED_COLUMNS)
             raise UsageError(f"`add` {name}: no such column{near}; there are: {', '.join(ADDED_COLUMNS)}")
     names = {ADDED_COLUMNS[name].name for name in add}
-    return frozenset(names if ellipse is None else names | {column.name for column in ELLIPSE})
+    of_ellipse = {column.name for column in ELLIPSE if dimension == 3 or not column.of_space}
+    return frozenset(names if ellipse is None else names | of_ellipse)
 
 
 def check_added(add: Sequence[str], reader: MeasurementReader, runs: Runs) -> None:
     """Raise UsageError if a column of ``add`` can't be computed for this input or these methods."""
     for name in add:
+        if ADDED_COLUMNS[name].of_space and reader.dimension == 2:
+            raise UsageError(f"`add` {name}: is of three dimensions, and the input is of two; leave it out")
         fault = ADDED[name].fault(reader, runs)
         if fault:
             raise UsageError(f"`add` {name}: {fault}")
@@ -87,9 +97,17 @@ def _on_earth(frame: EarthFrame, estimates: ChunkEstimates) -> dict[str, FloatAr
 
 
 def _ellipse(estimates: ChunkEstimates, probability: float) -> dict[str, FloatArray]:
-    one_sigma = error_ellipse(Symmetric2x2(*estimates.covariance_m2.T))
+    """Return the ellipse in x and y, and in space the interval of the height, each with the ``probability``."""
+    one_sigma = error_ellipse(_horizontal(estimates))
     scale = np.sqrt(ellipse_threshold(probability, estimates.columns.get("std_dof")))
+    height: dict[str, FloatArray] = {}
+    if estimates.position_m.shape[1] == 3:
+        from scipy.special import erfinv
+
+        deviations = np.sqrt(2.0) * erfinv(probability)
+        height = {"half_height_m": deviations * np.sqrt(estimates.covariance_m2[:, 5])}
     return {
+        **height,
         "semi_major_m": scale * one_sigma.semi_major_m,
         "semi_minor_m": scale * one_sigma.semi_minor_m,
         "orientation_rad": one_sigma.orientation_rad,
@@ -97,20 +115,31 @@ def _ellipse(estimates: ChunkEstimates, probability: float) -> dict[str, FloatAr
     }
 
 
+def _horizontal(estimates: ChunkEstimates) -> SymmetricMatrix:
+    """Return the covariances of x and y."""
+    return SymmetricMatrix(*estimates.covariance_m2.T[:3])
+
+
 def _cep50(solver: ChunkSolver, chunk: Chunk, solution: ChunkSolution) -> FloatArray:
     assert solution.estimates is not None  # noqa: S101 - columns are of estimates
-    one_sigma = error_ellipse(Symmetric2x2(*solution.estimates.covariance_m2.T))
+    one_sigma = error_ellipse(_horizontal(solution.estimates))
     radius = circular_error_probable(one_sigma.semi_major_m, one_sigma.semi_minor_m)
     degrees = solution.estimates.columns.get("std_dof")
     return radius if degrees is None else radius * np.sqrt(ellipse_threshold(0.5, degrees) / ellipse_threshold(0.5))
 
 
-def _gdop(solver: ChunkSolver, chunk: Chunk, solution: ChunkSolution) -> FloatArray:
-    """Return sqrt(trace(G^-1)), where G sums u u^T over the rows that an estimate rests on.
+def _sep50(solver: ChunkSolver, chunk: Chunk, solution: ChunkSolution) -> FloatArray:
+    assert solution.estimates is not None  # noqa: S101 - columns are of estimates
+    return spherical_error_probable(SymmetricMatrix(*solution.estimates.covariance_m2.T))
+
+
+def _gdop(solver: ChunkSolver, chunk: Chunk, solution: ChunkSolution, part: str = "whole") -> FloatArray:
+    """Return sqrt(trace(G^-1)), where G sums u u^T over the rows that an estimate rests on; or a ``part`` of the trace.
 
     u is the unit vector across a row's line of position, or along its range (times cos(elevation) for slant ranges):
     the root of the trace of the covariance for errors of 1 m in each row, for ranges the usual definition. NaN without
-    a position, or if the rows leave a direction undetermined.
+    a position, or if the rows leave a direction undetermined. In space an elevation is a further row, across the ray in
+    its vertical plane.
     """
     estimates = solution.estimates
     assert estimates is not None  # noqa: S101 - columns are of estimates
@@ -119,29 +148,50 @@ def _gdop(solver: ChunkSolver, chunk: Chunk, solution: ChunkSolution) -> FloatAr
         mine = np.flatnonzero((estimates.method == number) & np.isfinite(estimates.position_m[:, 0]))
         for rank in np.unique(estimates.alternative[mine]).tolist():
             chosen = mine[estimates.alternative[mine] == rank]
-            _write_gdop(solver, chunk, estimates, chosen, flags.used, values)
+            _write_gdop(solver, chunk, estimates, chosen, flags.used, values, part)
     return values
 
 
 def _write_gdop(
-    solver: ChunkSolver, chunk: Chunk, estimates: ChunkEstimates, chosen: IntArray, used: BoolArray, values: FloatArray
+    solver: ChunkSolver,
+    chunk: Chunk,
+    estimates: ChunkEstimates,
+    chosen: IntArray,
+    used: BoolArray,
+    values: FloatArray,
+    part: str,
 ) -> None:
     """Write the GDOP of the ``chosen`` estimates, at most one of each snapshot, to ``values`` (E,)."""
     estimate_of = np.full(chunk.offsets.shape[0] - 1, -1, dtype=np.int64)
     estimate_of[estimates.snapshot[chosen]] = chosen
-    for snapshot, row in dense_blocks(chunk.offsets, used & ~chunk.left_out, _BLOCK_SIZE):
+    blocks = dense_blocks(chunk.offsets, used & ~chunk.left_out, _BLOCK_SIZE)
+    for snapshot, row in (part for block in blocks for part in by_height(chunk, *block)):
         index = estimate_of[snapshot]
         exists = index >= 0
         if not row.shape[1] or not exists.any():
             continue
-        batch: Any = dense_batch(solver.kind, chunk.columns, row, scene=solver.scene)
+        batch: Any = dense_batch(solver.kind, chunk.columns, row, scene=solver.scene, dimension=solver.dimension)
+        if not batch.height_held:  # a measured height is no row
+            batch = replace(batch, target_z_m=None, target_z_std_m=None)
         position = np.where(exists[:, None], estimates.position_m[index], np.nan)
-        geometry = UNIT_INFORMATION[solver.kind](batch, position[:, 0], position[:, 1])
-        with ignoring_division():
-            smaller, larger = geometry.eigenvalues()
-            regular = (smaller * _CONDITION_LIMIT > larger) & np.isfinite(larger)
-            dilution = np.where(regular, np.sqrt(geometry.trace / geometry.determinant), np.nan)
-        values[index[exists]] = dilution[exists]
+        geometry = UNIT_INFORMATION[solver.kind](batch, *position.T)
+        values[index[exists]] = _dilution(geometry, part)[exists]
+
+
+def _dilution(geometry: SymmetricMatrix, part: str) -> FloatArray:
+    """Return the root (B,) of the trace of the inverse, or of the horizontal or vertical part of it."""
+    with ignoring_division():
+        smaller, larger = geometry.eigenvalues()
+        regular = (smaller * _CONDITION_LIMIT > larger) & np.isfinite(larger)
+        if part == "vertical" and geometry.dimension == 2:  # the height is held
+            return np.where(regular, 0.0, np.nan)
+        if geometry.dimension == 2:
+            trace = geometry.trace / geometry.determinant
+        else:
+            variances = geometry.inverse().diagonal
+            chosen = {"whole": variances, "horizontal": variances[:2], "vertical": variances[2:]}[part]
+            trace = np.sum(chosen, axis=0)
+        return np.where(regular, np.sqrt(trace), np.nan)
 
 
 def _gdop_fault(reader: MeasurementReader, runs: Runs) -> str:
@@ -161,13 +211,17 @@ def _nees(solver: ChunkSolver, chunk: Chunk, solution: ChunkSolution) -> FloatAr
 def _nees_fault(reader: MeasurementReader, runs: Runs) -> str:
     if "truth_target" in reader.column_names:
         return "needs one true position per snapshot, but the rows are of several targets (truth_target)"
-    missing = [name for name in TRUTH_NAMES if name not in reader.column_names]
+    names = (*TRUTH_NAMES, TRUTH_HEIGHT.name)[: reader.dimension]
+    missing = [name for name in names if name not in reader.column_names]
     return f"needs the true position, but the input has no column {missing[0]!r}" if missing else ""
 
 
 ADDED = {
     "cep50": AddedColumn(_cep50),
+    "sep50": AddedColumn(_sep50),
     "gdop": AddedColumn(_gdop, _gdop_fault, needs_flags=True),
+    "hdop": AddedColumn(partial(_gdop, part="horizontal"), _gdop_fault, needs_flags=True),
+    "vdop": AddedColumn(partial(_gdop, part="vertical"), _gdop_fault, needs_flags=True),
     "nees": AddedColumn(_nees, _nees_fault),
 }
 """The columns that ``add`` can request, by its names."""

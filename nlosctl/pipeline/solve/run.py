@@ -159,7 +159,7 @@ class MeasurementRun:
         names: set[str] = set() if self.reader.options.window is None else {"time_s"}
         names |= set(OF_SPACE) if self.reader.dimension == 3 else set()
         if write.ellipse is not None or write.add:
-            names |= optional_columns(write.ellipse, write.add)
+            names |= optional_columns(write.ellipse, write.add, self.reader.dimension)
             check_added(write.add, self.reader, self._runs)
         if self.reader.scene.frame is not None:
             names |= {*_ON_EARTH, *(("height_m",) if self.reader.scene.frame.on_ellipsoid else ())}
