@@ -123,11 +123,11 @@ class Places:
     """N estimates to be shown on a map.
 
     ``columns`` has all of their columns as Python values. ``x`` and ``y`` (N,) are longitude and latitude in degrees
-    (metres of the plane unless ``on_earth``), NaN without a position. ``outline`` (N, V, 2) is the error ellipse of
-    ``probability``, counter-clockwise, with the first point repeated at the end, NaN without a covariance.
-    ``semi_major_m``, ``semi_minor_m`` (N,) are its semi-axes, ``major_azimuth_rad`` (N,) the direction of its major
-    axis, clockwise from true north. ``cut`` has the parts of outlines that cross the 180th meridian or go around a
-    pole, by row: closed rings between -180 and 180 degrees.
+    (metres of the plane unless ``on_earth``), NaN without a position, ``z`` (N,) the height in metres, None in the
+    plane. ``outline`` (N, V, 2) is the error ellipse of ``probability``, counter-clockwise, with the first point
+    repeated at the end, NaN without a covariance. ``semi_major_m``, ``semi_minor_m`` (N,) are its semi-axes,
+    ``major_azimuth_rad`` (N,) the direction of its major axis, clockwise from true north. ``cut`` has the parts of
+    outlines that cross the 180th meridian or go around a pole, by row: closed rings between -180 and 180 degrees.
     """
 
     columns: Mapping[str, Sequence[Any]]
@@ -140,6 +140,13 @@ class Places:
     major_azimuth_rad: FloatArray
     on_earth: bool
     cut: Mapping[int, Sequence[FloatArray]] = field(default_factory=dict)
+    z: FloatArray | None = None
+
+    def point(self, row: int) -> list[float]:
+        """Return x and y of a row, and the height where there are heights; empty without a position."""
+        axes = (self.x, self.y) if self.z is None else (self.x, self.y, self.z)
+        point = [float(axis[row]) for axis in axes]
+        return [] if np.isnan(point).any() else point
 
     def rings(self, row: int) -> Sequence[FloatArray]:
         """Return the rings (V, 2) of the ellipse of a row: one, or more where it is cut, none without a covariance."""

@@ -41,9 +41,10 @@ def _packet(places: Places, row: int, number: int) -> dict[str, Any]:
         "name": title(values),
         "properties": {name: _plain(value) for name, value in values.items()},
     }
-    if not math.isnan(places.x[row]):
-        packet["position"] = {"cartographicDegrees": [float(places.x[row]), float(places.y[row]), 0.0]}
-        packet["point"] = _POINT
+    point = places.point(row)
+    if point:
+        packet["position"] = {"cartographicDegrees": [*point, 0.0][:3]}
+        packet["point"] = _POINT if places.z is None else {**_POINT, "heightReference": "NONE"}
     if not math.isnan(places.outline[row, 0, 0]):
         packet["ellipse"] = {
             "semiMajorAxis": float(places.semi_major_m[row]),

@@ -53,8 +53,8 @@ class _Writer:
 
 def _features(places: Places, row: int) -> Iterator[dict[str, Any]]:
     properties = {name: _value(values[row]) for name, values in places.columns.items()}
-    x, y = float(places.x[row]), float(places.y[row])
-    point = None if math.isnan(x) else {"type": "Point", "coordinates": [x, y]}
+    coordinates = places.point(row)
+    point = {"type": "Point", "coordinates": coordinates} if coordinates else None
     yield {"type": "Feature", "geometry": point, "properties": {"feature": "estimate", **properties}}
     polygon = _polygons(places.rings(row))
     if polygon is not None:

@@ -18,7 +18,7 @@ from nlosctl.formats.map_options import MapOptions
 __all__ = ["FORMAT"]
 
 _GEOMETRIES = {"geometry": "Point", "ellipse": "Polygon"}
-_POLYGON, _MULTI_POLYGON = 3, 6
+_POINT, _POINT_Z, _POLYGON, _MULTI_POLYGON = 1, 1001, 3, 6
 """The types of geometries in WKB."""
 
 
@@ -39,6 +39,10 @@ class _Writer:
         described = {name: {"encoding": "WKB", "geometry_types": [kind]} for name, kind in _GEOMETRIES.items()}
         if any(cell is not None and cell[1] == _MULTI_POLYGON for cell in self._columns.get("ellipse", ())):
             described["ellipse"]["geometry_types"] = ["Polygon", "MultiPolygon"]
+        if any(
+            cell is not None and cell[1:5] == struct.pack("<I", _POINT_Z) for cell in self._columns.get("geometry", ())
+        ):
+            described["geometry"]["geometry_types"] = ["Point Z"]
         geo = {"version": "1.1.0", "primary_column": "geometry", "columns": described}
         columns = columns or {name: pa.array([], pa.binary()) for name in _GEOMETRIES}
         table = pa.table(columns).replace_schema_metadata({"geo": json.dumps(geo)})
@@ -67,10 +71,9 @@ class _Unclosed:
 
 
 def _points(places: Places) -> Sequence[bytes | None]:
-    return [
-        None if np.isnan(x) else struct.pack("<BIdd", 1, 1, x, y)
-        for x, y in zip(places.x.tolist(), places.y.tolist(), strict=True)
-    ]
+    kind = _POINT if places.z is None else _POINT_Z
+    points = map(places.point, range(places.size))
+    return [struct.pack(f"<BI{len(point)}d", 1, kind, *point) if point else None for point in points]
 
 
 def _polygons(places: Places) -> Sequence[bytes | None]:

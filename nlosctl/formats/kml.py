@@ -5,7 +5,6 @@ Viewers read a description as HTML: text is escaped once for HTML, and the HTML 
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import IO, Any
@@ -50,9 +49,10 @@ class _Writer:
 
 def _placemark(places: Places, row: int) -> str:
     geometries = []
-    x, y = float(places.x[row]), float(places.y[row])
-    if not math.isnan(x):
-        geometries.append(f"<Point><coordinates>{x!r},{y!r}</coordinates></Point>")
+    point = places.point(row)
+    if point:
+        mode = "<altitudeMode>absolute</altitudeMode>" if len(point) == 3 else ""
+        geometries.append(f"<Point>{mode}<coordinates>{','.join(map(repr, point))}</coordinates></Point>")
     geometries += [_polygon(ring) for ring in places.rings(row)]
     return _described(known_values(places, row), geometries)
 

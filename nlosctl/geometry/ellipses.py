@@ -150,8 +150,8 @@ def ellipsoid_threshold(probability: float, dimension: IntArray) -> FloatArray:
 def spherical_error_probable(covariance: SymmetricMatrix) -> FloatArray:
     """Return SEP50 (N,): the radius of the sphere about the mean that contains half of a Gaussian in space.
 
-    To 1e-6 of itself: Newton's method on the distribution of the radius (`_within_sphere`). NaN where a covariance is NaN
-    or not positive; a Gaussian without a third dimension, as at a height that is held, has its CEP50.
+    To 1e-6 of itself: Newton's method on the distribution of the radius (`_within_sphere`). NaN where a covariance is
+    NaN or not positive; a Gaussian without a third dimension, as at a height that is held, has its CEP50.
     """
     dense = covariance.dense()
     finite = np.asarray(np.isfinite(dense).all(axis=(-2, -1)))

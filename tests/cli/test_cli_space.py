@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import re
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow.csv
+import pyarrow.parquet
 import pytest
 from cli_support import Outcome, table_csv
 from scipy.stats import chi2
@@ -173,3 +177,26 @@ def test_the_truth_of_a_table_has_heights(cli: Cli, tmp_path: Path) -> None:
     done = cli("evaluate", out, "--truth", tmp_path / "flat.csv")
     assert done.code == 1
     assert "no column 'truth_z_m', and the estimates have heights" in done.err
+
+
+def test_maps_have_heights(cli: Cli, tmp_path: Path) -> None:
+    """Points of GeoJSON, KML, CZML and GeoParquet have the height of their estimate."""
+    out = tmp_path / "out.csv"
+    words = ("--origin", "48,11", "-o", out)
+    assert cli("localize", bearings_file(tmp_path), "-m", "ls", "--dimensions", "3", *words).code == 0
+    lat, lon, z = (values[0] for values in numbers(out, "lat_deg", "lon_deg", "z_m"))
+    assert cli("convert", out, "--to", "geojson", "-o", tmp_path / "m.geojson").code == 0
+    first = json.loads((tmp_path / "m.geojson").read_text())["features"][0]
+    assert first["geometry"]["coordinates"] == pytest.approx([lon, lat, z])
+    assert cli("convert", out, "--to", "kml", "-o", tmp_path / "m.kml").code == 0
+    kml = re.search(r"absolute</altitudeMode><coordinates>([^<]+)<", (tmp_path / "m.kml").read_text())
+    assert kml is not None
+    assert list(map(float, kml[1].split(","))) == pytest.approx([lon, lat, z])
+    assert cli("convert", out, "--to", "czml", "-o", tmp_path / "m.czml").code == 0
+    packet = json.loads((tmp_path / "m.czml").read_text())[1]
+    assert packet["position"]["cartographicDegrees"] == pytest.approx([lon, lat, z])
+    assert packet["point"]["heightReference"] == "NONE"
+    assert cli("convert", out, "--to", "geoparquet", "-o", tmp_path / "m.geoparquet").code == 0
+    table = pyarrow.parquet.read_table(tmp_path / "m.geoparquet")
+    assert struct.unpack("<BIddd", table.column("geometry")[0].as_py()) == pytest.approx((1, 1001, lon, lat, z))
+    assert json.loads(table.schema.metadata[b"geo"])["columns"]["geometry"]["geometry_types"] == ["Point Z"]

@@ -30,10 +30,10 @@ def test_a_flat_gaussian_has_its_circular_error() -> None:
 
 @pytest.mark.parametrize("variances", [(1.0, 0.5, 0.2), (1.0, 0.01, 0.001), (1.0, 1.0, 0.01), (4.0, 3.0, 2.0)])
 def test_half_of_the_draws_are_within_the_sphere(variances: tuple[float, float, float]) -> None:
-    """The median distance of 10^6 draws agrees within its error."""
-    draws = np.random.default_rng(0).normal(size=(1_000_000, 3)) * np.sqrt(variances)
+    """Half of 200,000 draws are within the radius, up to their error."""
+    draws = np.random.default_rng(0).normal(size=(200_000, 3)) * np.sqrt(variances)
     inside = np.mean(np.linalg.norm(draws, axis=1) <= sep50(*variances))
-    assert abs(inside - 0.5) < 4.0 * 0.0005
+    assert abs(inside - 0.5) < 4.0 * 0.00112
 
 
 def test_no_covariance_has_no_radius() -> None:

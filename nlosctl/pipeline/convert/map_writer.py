@@ -177,6 +177,7 @@ class MapWriter:
             columns=columns,
             x=x,
             y=y,
+            z=self._numbers(columns["z_m"], "z_m") if "z_m" in columns else None,
             outline=outline,
             probability=share,
             semi_major_m=major,
