@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection
 from functools import cache
 
+from nlosctl.contract.tables.added import ADDED_COLUMNS, ELLIPSE
 from nlosctl.contract.tables.arrivals import ARRIVALS
 from nlosctl.contract.tables.bearings_ranges import BEARINGS, RANGES
 from nlosctl.contract.tables.bound import BOUND
 from nlosctl.contract.tables.columns import SWEEP_PREFIX, Column, ColumnType, Spelling, Table, is_swept
-from nlosctl.contract.tables.results import ADDED_COLUMNS, ELLIPSE, ESTIMATES, FLAGS, TRUTH
+from nlosctl.contract.tables.results import ESTIMATES, FLAGS, TRUTH
 from nlosctl.contract.tables.scores import SCORES
 from nlosctl.contract.tables.shared import DEGREE, EARTH_PLACES
 from nlosctl.contract.tables.space import TRUTH_HEIGHT
