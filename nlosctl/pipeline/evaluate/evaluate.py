@@ -221,5 +221,5 @@ def present(
 
 
 def _figures(summary: Any) -> dict[str, Any]:
-    """Return the figures of a summary, without those that only space has where there are none."""
+    """Return the figures of a summary, without those of space for positions in the plane."""
     return {name: value for name, value in dataclasses.asdict(summary).items() if value is not None}
