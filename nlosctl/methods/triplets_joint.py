@@ -13,7 +13,6 @@ from nlosctl.contract.batches import TripletBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Estimates, Flags, Solution, has_position
-from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.models.triplets import paths_of, snapshot_centers
@@ -66,6 +65,7 @@ def solve(batch: TripletBatch, options: JointOptions) -> Solution:
     it as direct paths would. A target on a wall of the scene is ambiguous if its paths fit better as such detours.
     Without the walls in the scene 3 % of the snapshots of a room without direct paths are ok. In space a target behind
     a wall of the scene is ambiguous, too. Paths without elevations have no p-value: ``direct_probability`` flags them.
+    A target of paths that lack one is ambiguous, since detours over a floor have the azimuths of direct paths.
     """
     rows = paths_of(batch)
     fits = fit_paths(rows)
@@ -81,7 +81,7 @@ def solve(batch: TripletBatch, options: JointOptions) -> Solution:
     # A path without spare scalars has no p-value of its own: its membership alone decides.
     ip = np.where(np.isnan(p_value), common.direct * weighed, p_value) < options.false_alarm
     inconsistent = own_p_value < options.false_alarm
-    estimates, used = _estimates(batch.scene, problem, common, center, options.ambiguous_within)
+    estimates, used = _estimates(batch, problem, common, center, options.ambiguous_within)
     flags = Flags(
         used=used,
         columns={
@@ -95,8 +95,16 @@ def solve(batch: TripletBatch, options: JointOptions) -> Solution:
     return Solution(estimates=estimates, flags=flags)
 
 
+def _lacks_elevations(batch: TripletBatch) -> BoolArray:
+    """Return in which snapshots (B,) in space a path lacks an elevation."""
+    lacks = np.zeros(batch.size, dtype=bool)
+    for elevation in (batch.dod_elevation_rad, batch.doa_elevation_rad) if batch.dimension == 3 else ():
+        lacks |= True if elevation is None else np.isnan(elevation).any(axis=1)
+    return lacks
+
+
 def _estimates(
-    scene: Scene,
+    batch: TripletBatch,
     problem: TripletProblem,
     common: CommonTargets,
     center: tuple[FloatArray, ...],
@@ -110,14 +118,14 @@ def _estimates(
     information = common.information
     covariance = information.inverse()
     status = np.empty((targets, size), dtype=np.uint8)
-    walls = Walls(scene, center)
+    walls = Walls(batch.scene, center)
     for index in range(targets):
         point = tuple(part[index] for part in common.point)
         status[index] = judge_targets(problem, point, covariance.at(index), np.isfinite(point[0]))
         paths = common.supported[index] & (status[index] == Status.OK)[:, None]
         detours = walls.may_be_detours(problem, point, information.at(index), paths)
         status[index][detours] = Status.AMBIGUOUS
-    status[(status == Status.OK) & (common.lead < ambiguous_within)] = Status.AMBIGUOUS
+    status[(status == Status.OK) & ((common.lead < ambiguous_within) | _lacks_elevations(batch))] = Status.AMBIGUOUS
     status[~common.supported.any(axis=2) | common.unfounded] = Status.NO_TARGET
     answered = has_position(status)
     supported = common.supported & answered[:, :, None]

@@ -127,3 +127,12 @@ def test_extended_targets_have_the_covariance_of_their_scattering(radius_m):
         np.testing.assert_allclose(
             density.information.at(n).dense(), information, rtol=1e-5, atol=1e-6 * np.abs(information).max()
         )
+
+
+@pytest.mark.parametrize("missing", [("doa",), ("dod", "doa")])
+def test_targets_of_paths_without_elevations_are_not_ok(missing):
+    """Without the elevations of a side floor detours pass for direct paths: no target is ok."""
+    batch, _, _ = draw_joint_room(np.random.default_rng(5), 40)
+    solution = joint.solve(without(batch, *missing), joint.JointOptions())
+    assert (solution.estimates.status != Status.OK).all()
+    assert (solution.estimates.status == Status.AMBIGUOUS).mean() > 0.5
