@@ -220,3 +220,17 @@ def test_a_map_in_space_needs_a_height(tmp_path: Path) -> None:
     done = run(simulated("space-ring", tmp_path / "ring.csv"), "--map", "-4,4,-4,4,4")
     assert done.returncode == 2
     assert b"--map in three dimensions needs the height of its positions: set --target-z-m" in done.stderr
+
+
+def test_resume_refuses_another_std_of_the_height(tmp_path: Path) -> None:
+    """A folder is not completed with another ``--target-z-std-m`` than it was begun with; nothing changes."""
+    (tmp_path / "in").mkdir()
+    simulated("box", tmp_path / "in" / "box.parquet")
+    words = ["bound", "in/", "-o", "out/", "--dimensions", "3", "--target-z-m", "1.5", "--target-z-std-m"]
+    assert run_here(*words, "0.3", folder=tmp_path).returncode == 0
+    before = (tmp_path / "out" / "box.parquet").read_bytes()
+    refused = run_here(*words, "0.6", "--resume", folder=tmp_path)
+    assert refused.returncode == 1
+    assert b"target_z_std_m was 0.3 and is 0.6" in refused.stderr
+    assert (tmp_path / "out" / "box.parquet").read_bytes() == before
+    assert run_here(*words, "0.3", "--resume", folder=tmp_path).returncode == 0

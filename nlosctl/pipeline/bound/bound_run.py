@@ -21,7 +21,7 @@ from nlosctl.pipeline.bound.bounds import (
     result_schema,
 )
 from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata, read_settings
-from nlosctl.pipeline.solve.target_heights import heights_remark
+from nlosctl.pipeline.solve.target_heights import height_settings, heights_remark
 
 __all__ = ["BoundReport", "BoundRun"]
 
@@ -85,8 +85,7 @@ class BoundRun:
     def provenance(self) -> dict[str, Any]:
         """Return the options that determine the results, as plain values."""
         content = {"map": self._map, "noise": self._options.noise, "use_ranges": self._options.use_ranges}
-        heights = {} if self._options.target_z_m is None else {"target_z_m": self._options.target_z_m}
-        return content | heights | read_settings(self.reader)
+        return content | height_settings(self._options) | read_settings(self.reader)
 
     def choices(self) -> dict[str, Any]:
         """Return the other options that two runs must share to write equal tables: none."""

@@ -27,7 +27,7 @@ from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
 from nlosctl.pipeline.solve.report import RunReport, method_remarks
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver
 from nlosctl.pipeline.solve.sweeps import refuse_swept_columns
-from nlosctl.pipeline.solve.target_heights import heights_remark, refuse_dimension, with_target_heights
+from nlosctl.pipeline.solve.target_heights import height_settings, heights_remark, refuse_dimension, with_target_heights
 
 __all__ = ["MeasurementRun"]
 
@@ -100,9 +100,7 @@ class MeasurementRun:
             for run in self._runs
         ]
         content = {"methods": methods, "seed": options.seed, "field": str(options.field)}
-        content |= read_settings(self.reader)
-        heights = {"target_z_m": options.target_z_m, "target_z_std_m": options.target_z_std_m}
-        return content | {name: value for name, value in heights.items() if value is not None}
+        return content | read_settings(self.reader) | height_settings(options)
 
     def choices(self) -> dict[str, Any]:
         """Return the other options that two runs must share to write equal tables, as plain values."""

@@ -18,10 +18,16 @@ from nlosctl.errors import UsageError
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.pipeline.solve.method_runs import MethodRun
 
-__all__ = ["by_height", "heights_remark", "refuse_dimension", "with_target_heights"]
+__all__ = ["by_height", "height_settings", "heights_remark", "refuse_dimension", "with_target_heights"]
 
 _HEIGHT, _HEIGHT_STD = "target_z_m", "target_z_std_m"
 _NUMBERS = {2: "two", 3: "three"}
+
+
+def height_settings(options: SolveOptions) -> dict[str, float]:
+    """Return the settings of a target's height that are given, for the metadata of results."""
+    heights = {_HEIGHT: options.target_z_m, _HEIGHT_STD: options.target_z_std_m}
+    return {name: value for name, value in heights.items() if value is not None}
 
 
 def with_target_heights(chunk: Chunk, dimension: int, options: SolveOptions) -> Chunk:
