@@ -55,6 +55,7 @@ def localize(
     kind: str | None = None,
     field: str = "sensors:1",
     target_z_m: float | None = None,
+    target_z_std_m: float | None = None,
     columns: Mapping[str, str] | None = None,
     constants: Mapping[str, float] | None = None,
     all_rows: bool = False,
@@ -85,7 +86,9 @@ def localize(
     ``window`` (``2s``, ``auto`` or ``all``), ``by``, ``window_keep`` and ``timezone`` make snapshots of the column
     ``time_s`` or ``time``. ``estimate_std`` estimates unknown standard deviations: one factor for each
     ``snapshot``, each ``sensor`` or the whole ``file``. ``ellipse`` (a probability) and ``add`` (such as nees) add
-    columns. ``sweep`` runs parameters through several values, recorded in columns ``sweep_KEY``; ``parameters`` are
+    columns. ``dimensions`` is 2 or 3, by default as on the command line; in three, ``target_z_m`` is a height of the
+    targets, exact without ``target_z_std_m``. ``sweep`` runs parameters through several values, recorded in columns
+    ``sweep_KEY``; ``parameters`` are
     those of the method.
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
@@ -97,6 +100,7 @@ def localize(
         sweep=sweep or {},
         field=parse_field(field),
         target_z_m=target_z_m,
+        target_z_std_m=target_z_std_m,
         estimate_std=estimate_std,
         alternatives=alternatives,
         seed=seed,
@@ -122,6 +126,7 @@ def bound(
     noise: str = "gaussian",
     use_ranges: bool = True,
     target_z_m: float | None = None,
+    target_z_std_m: float | None = None,
     **stds: Any,
 ) -> Any:
     """Return the Cramér-Rao bound of each snapshot at its true position as a table; see ``nlosctl bound``.
@@ -134,7 +139,8 @@ def bound(
     Raises DataError for faults of the data, UsageError for an invalid map.
     """
     read = input_options(columns, constants, scene, stds, kind=kind, all_rows=all_rows, crs=crs, origin=origin)
-    options = SolveOptions(noise=noise, use_ranges=use_ranges, target_z_m=target_z_m)
+    heights: dict[str, Any] = {"target_z_m": target_z_m, "target_z_std_m": target_z_std_m}
+    options = SolveOptions(noise=noise, use_ranges=use_ranges, **heights)
     bounds = TableSink()
     bound_job.bound(
         inputs_of(table),
@@ -187,6 +193,7 @@ def identify_los(
     method: str | Sequence[str] = "assignment",
     field: str = "sensors:1",
     target_z_m: float | None = None,
+    target_z_std_m: float | None = None,
     scene: SceneLike = None,
     columns: Mapping[str, str] | None = None,
     constants: Mapping[str, float] | None = None,
@@ -214,6 +221,7 @@ def identify_los(
         sweep=sweep or {},
         field=parse_field(field),
         target_z_m=target_z_m,
+        target_z_std_m=target_z_std_m,
         alternatives=alternatives,
         seed=seed,
         jobs=jobs,

@@ -43,7 +43,8 @@ def input_options(
 ) -> InputOptions:
     """Return the options of reading.
 
-    Standard deviations are moved from ``keywords`` to the constants, in radians; so are the options of `row_options`.
+    Standard deviations are moved from ``keywords`` to the constants, in radians. ``dimensions`` and the options of
+    `row_options` are taken from them too.
     """
     given = dict(constants or {})
     scales = _scales()
@@ -59,6 +60,8 @@ def input_options(
         converted[standard] = _number(name, value) * scale
     scene = scene if scene is None or isinstance(scene, Scene) else fspath(scene)
     rest |= row_options(keywords)
+    if "dimensions" in keywords:
+        rest["dimensions"] = keywords.pop("dimensions")
     return InputOptions(columns=dict(columns or {}), constants=converted, scene=scene, **rest)
 
 

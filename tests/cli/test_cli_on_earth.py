@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -92,6 +93,9 @@ def test_errors_are_in_local_axes(tmp_path: Path):
     nees = np.array([value for value in found["nees"] if value != "" and value is not None], dtype=float)
     assert nees.size > 360
     assert 1.7 < nees.mean() < 2.4
+    done = run_here("evaluate", "out.csv", "--json", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert abs(json.loads(done.stdout)["groups"][0]["nees"] - nees.mean()) < 1e-6
 
 
 def test_reflectors_on_earth_are_refused(tmp_path: Path):

@@ -16,6 +16,8 @@ import pytest
 from cli_support import Outcome, table_csv
 from scipy.stats import chi2
 
+import nlosctl
+
 pytestmark = pytest.mark.extensive
 
 Cli = Callable[..., Outcome]
@@ -200,3 +202,14 @@ def test_maps_have_heights(cli: Cli, tmp_path: Path) -> None:
     table = pyarrow.parquet.read_table(tmp_path / "m.geoparquet")
     assert struct.unpack("<BIddd", table.column("geometry")[0].as_py()) == pytest.approx((1, 1001, lon, lat, z))
     assert json.loads(table.schema.metadata[b"geo"])["columns"]["geometry"]["geometry_types"] == ["Point Z"]
+
+
+def test_python_has_the_results_of_the_command(cli: Cli, tmp_path: Path) -> None:
+    """``dimensions`` and the heights are arguments in Python, with the same estimates to the bit."""
+    path, out = bearings_file(tmp_path), tmp_path / "out.parquet"
+    words = ("--dimensions", "3", "--target-z-m", "40", "--target-z-std-m", "30")
+    assert cli("localize", path, "-m", "ml", *words, "-o", out).code == 0
+    own = nlosctl.localize(path, method="ml", dimensions=3, target_z_m=40.0, target_z_std_m=30.0).estimates
+    assert own.equals(pyarrow.parquet.read_table(out, partitioning=None), check_metadata=False)
+    flat = nlosctl.localize(path, method="ml", dimensions=2).estimates
+    assert "z_m" not in flat.column_names

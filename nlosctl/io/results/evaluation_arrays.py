@@ -13,11 +13,13 @@ import pyarrow.compute as pc
 
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.limits import LARGEST_NUMBER
+from nlosctl.contract.scene import parse_frame
 from nlosctl.contract.statuses import Status
 from nlosctl.contract.tables import TRUTH_HEIGHT
 from nlosctl.errors import DataError
 from nlosctl.io.results.layouts import COVARIANCE, OF_SPACE, POSITION, TRUTH_NAMES
 from nlosctl.io.results.truth_table import TruthTable
+from nlosctl.io.scenes.places import errors_in
 
 __all__ = [
     "EstimateArrays",
@@ -67,15 +69,26 @@ def estimate_arrays(table: Any, truth: TruthTable | None, name: str) -> Estimate
     for column in truth_names:
         if truth is None and column not in table.column_names:
             raise DataError(f"{name}: no column {column!r}; add it, or pass a file that has it as `truth`")
+    position = _stack(table, POSITION[:dimension], name)
+    true = _stack(table, truth_names, name) if truth is None else truth.look_up(table, name, dimension)
     return EstimateArrays(
-        position_m=_stack(table, POSITION[:dimension], name),
+        position_m=position,
         covariance_m2=_stack(table, COVARIANCE[: dimension * (dimension + 1) // 2], name, LARGEST_NUMBER**2),
         status=np.asarray(status).astype(np.uint8),
-        truth_m=_stack(table, truth_names, name) if truth is None else truth.look_up(table, name, dimension),
+        truth_m=_in_local_axes(table, position, true) if dimension == 3 and "frame" in table.column_names else true,
         alternative=np.asarray(table.column("alternative")).astype(np.int64),
         **fit_arrays(table),
         std_dof=numbers(table.column("std_dof")) if "std_dof" in table.column_names else None,
     )
+
+
+def _in_local_axes(table: Any, position_m: FloatArray, truth_m: FloatArray) -> FloatArray:
+    """Return the truths (N, 3), of places on an ellipsoid so that errors are in local east, north and up."""
+    truth_m, frames = truth_m.copy(), np.asarray(table.column("frame").to_pylist(), dtype=object)
+    for words in {words for words in frames.tolist() if words}:
+        frame, rows = parse_frame(words, "column 'frame'"), np.flatnonzero(frames == words)
+        truth_m[rows] = position_m[rows] - errors_in(frame, position_m[rows], truth_m[rows])
+    return truth_m
 
 
 def has_heights(names: Sequence[str]) -> bool:
