@@ -18,7 +18,7 @@ from nlosctl.models.arrivals import arrival_rows
 from nlosctl.models.bearing_predictions import predict_bearings
 from nlosctl.models.bearings import SightLines, sight_lines
 from nlosctl.models.ranges.predictions import predict_ranges, predict_space_ranges
-from nlosctl.models.ranges.spheres import range_rows
+from nlosctl.models.ranges.spheres import RangeSpheres, range_rows
 from nlosctl.models.space.paths import predict_directions
 from nlosctl.models.space.rays import space_lines
 
@@ -27,10 +27,21 @@ __all__ = ["INFORMATION", "UNIT_INFORMATION", "Information", "InformationModel"]
 
 @dataclass(frozen=True)
 class Information:
-    """Fisher information (B,) of positions, and the number of measurements (B,) it is based on."""
+    """Fisher information (B,) of positions, and the number of measurements (B,) it is based on.
+
+    ``of_height`` is the part of a measured height in ``matrix``, None without one.
+    """
 
     matrix: SymmetricMatrix
     n_used: IntArray
+    of_height: SymmetricMatrix | None = None
+
+    def with_rows_scaled(self, factor: float) -> SymmetricMatrix:
+        """Return the information with that of the rows times ``factor``; that of a measured height stays."""
+        scaled = self.matrix.map(lambda part: factor * part)
+        if self.of_height is None or factor == 1.0:
+            return scaled
+        return scaled - self.of_height.map(lambda part: (factor - 1.0) * part)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,8 +80,10 @@ def _direction_information(batch: BearingBatch, point: tuple[FloatArray, ...]) -
     seen = ~lines.unseen(*local)
     scalars = np.concatenate([seen] * (lines.of_rows // lines.rows), axis=1)
     hidden = np.where(scalars, lines.std[:, : lines.of_rows], np.inf)
-    matrix = lines.with_std(np.concatenate([hidden, lines.std[:, lines.of_rows :]], axis=1)).information(*local)
-    return Information(matrix, np.count_nonzero(seen, axis=1))
+    of_height = None
+    if lines.std.shape[1] > lines.of_rows:
+        of_height = lines.with_std(np.full(hidden.shape, np.inf)).information(*local)
+    return Information(lines.with_std(hidden).information(*local), np.count_nonzero(seen, axis=1), of_height)
 
 
 def _with_ranges(
@@ -134,7 +147,10 @@ def _range_information(batch: RangeBatch, *point: FloatArray) -> Information:
     local = tuple(part - middle for part, middle in zip(point, rows.center, strict=False))
     seen = ~rows.unseen(*local)
     informative = replace(rows, std_m=np.where(seen, rows.std_m, np.inf))
-    return Information(informative.information(*local), np.count_nonzero(seen, axis=1))
+    of_height = None
+    if isinstance(rows, RangeSpheres) and rows.level is not None:
+        of_height = replace(rows, std_m=np.full(rows.std_m.shape, np.inf)).information(*local)
+    return Information(informative.information(*local), np.count_nonzero(seen, axis=1), of_height)
 
 
 def _ranges_in_space_seen_from(batch: RangeBatch, point: tuple[FloatArray, ...]) -> RangeBatch:

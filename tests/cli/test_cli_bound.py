@@ -191,19 +191,22 @@ def test_three_dimensions_have_heights_and_six_entries(tmp_path: Path) -> None:
     assert "z_m" not in flat[0]
 
 
-@pytest.mark.parametrize("std", [None, "0.3"])
-def test_a_map_in_space_is_at_a_height(tmp_path: Path, std: str | None) -> None:
-    """A map of ranges in space is the closed form at its height; an exact height leaves x and y."""
+@pytest.mark.parametrize(("std", "noise"), [(None, "gaussian"), ("0.3", "gaussian"), ("0.3", "laplace")])
+def test_a_map_in_space_is_at_a_height(tmp_path: Path, std: str | None, noise: str) -> None:
+    """A map of ranges in space is the closed form at its height; an exact height leaves x and y.
+
+    Laplacian errors double the information of the ranges, not that of the height.
+    """
     file = simulated("box", tmp_path / "box.parquet")
     words = ["--dimensions", "3", "--map", "-4,4,-4,4,4", "--target-z-m", "1.5"]
-    found = rows(run(file, *words, *([] if std is None else ["--target-z-std-m", std])))
+    found = rows(run(file, *words, "--noise", noise, *([] if std is None else ["--target-z-std-m", std])))
     table = pyarrow.parquet.read_table(file).to_pylist()[:6]
     for row in found:
         point = np.array([float(row[name]) for name in ("x_m", "y_m", "z_m")])
         assert point[2] == 1.5
         away = point - np.array([[line[f"sensor_{axis}_m"] for axis in "xyz"] for line in table])
         unit = away / np.linalg.norm(away, axis=1)[:, None] / 0.1
-        information = unit.T @ unit
+        information = unit.T @ unit * (2.0 if noise == "laplace" else 1.0)
         expected = np.zeros((3, 3))
         if std is None:
             expected[:2, :2] = np.linalg.inv(information[:2, :2])

@@ -61,6 +61,8 @@ def test_directions_by_planes_and_without_elevations() -> None:
     assert (information.n_used == 8).all()
     measured = model.at(with_height(batch, source[:, 2], 4.0), *source.T).matrix.dense()
     np.testing.assert_allclose(measured[:, 2, 2], expected[:, 2, 2] + 1.0 / 16.0, rtol=1e-6)
+    doubled = model.at(with_height(batch, source[:, 2], 4.0), *source.T).with_rows_scaled(2.0).dense()
+    np.testing.assert_allclose(doubled - np.diag([0.0, 0.0, 1.0 / 16.0]), 2.0 * expected, rtol=1e-6, atol=1e-9)
     held = model.at(with_height(batch, source[:, 2], 0.0), *source.T).matrix
     np.testing.assert_allclose(held.dense(), expected[:, :2, :2], rtol=1e-6, atol=1e-9)
 

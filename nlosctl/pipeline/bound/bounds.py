@@ -18,7 +18,6 @@ from nlosctl.contract.scene import Sensor
 from nlosctl.contract.tables import TRUTH_HEIGHT
 from nlosctl.errors import DataError, UsageError
 from nlosctl.evaluation.bounds import Bounds, SpaceBounds, bounds_of
-from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.results.evaluation_arrays import boolean_codes
 from nlosctl.io.results.layouts import TRUTH_NAMES, truth_positions
@@ -34,7 +33,10 @@ __all__ = ["MapGrid", "bounds_at_truth", "bounds_on_map", "first_chunk", "map_se
 
 _POSITIONS_AT_ONCE = 4096
 _INFORMATION_PER_VARIANCE = {"gaussian": 1.0, "laplace": 2.0}
-"""Fisher information of a location, times the variance: 1 for Gaussian errors, 2 for Laplacian ones."""
+"""Fisher information of a location, times the variance: 1 for Gaussian errors, 2 for Laplacian ones.
+
+Of the rows: the error of a measured height is Gaussian.
+"""
 _MOST_VERTICES = 100_000_000
 
 
@@ -220,7 +222,7 @@ def _no_bounds(position_m: FloatArray) -> dict[str, npt.NDArray[Any]]:
 def _write_bounds(
     arrays: dict[str, npt.NDArray[Any]], index: Any, information: Information, options: SolveOptions
 ) -> None:
-    bounds = bounds_of(_scaled(information.matrix, options))
+    bounds = bounds_of(information.with_rows_scaled(_INFORMATION_PER_VARIANCE[options.noise]))
     for name, values in vars(bounds).items():
         arrays[name][index] = values
     if "bound_zz_m2" in arrays and not isinstance(bounds, SpaceBounds):  # a height that is exactly known
@@ -234,9 +236,3 @@ def _without_ranges(batch: Any, options: SolveOptions) -> Any:
     if options.use_ranges or not isinstance(batch, BearingBatch):
         return batch
     return dataclasses.replace(batch, range_m=None, range_std_m=None)
-
-
-def _scaled(matrix: SymmetricMatrix, options: SolveOptions) -> SymmetricMatrix:
-    """Return the information for the chosen error distribution from that of Gaussian errors."""
-    scale = _INFORMATION_PER_VARIANCE[options.noise]
-    return matrix.map(lambda part: scale * part)
