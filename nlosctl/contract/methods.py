@@ -102,16 +102,16 @@ class MethodSpec:
     ) -> tuple[str, ...]:
         """Return the columns that it adds to the flags under ``options``, with or without the details.
 
-        Some require circles in the scene, three dimensions, or another column among those of the input (``given``).
+        Some require a horizon in the scene, three dimensions, or another column among those of the input (``given``).
         """
         asked_for = () if self.flags_with is None else self.flags_with(options)
-        of_circles = {column.name for column in FLAGS.columns if column.of_circles}
+        of_horizons = {column.name for column in FLAGS.columns if column.of_horizons}
         of_space = {column.name for column in FLAGS.columns if column.of_space}
         needs = self.flags_needing
         return tuple(
             name
             for name in (*self.flags, *asked_for, *(self.details if details else ()))
-            if (scene.has_circles or name not in of_circles)
+            if (scene.has_horizons(dimension) or name not in of_horizons)
             and (dimension == 3 or name not in of_space)
             and (name not in needs or needs[name] in given)
         )

@@ -225,6 +225,13 @@ class Scene:
         """Whether any reflector is a sphere."""
         return any(isinstance(reflector, SphereReflector) for reflector in self.reflectors)
 
+    def has_horizons(self, dimension: int) -> bool:
+        """Whether rows can be under a horizon: those by circles in the plane, by spheres with a blocker in space."""
+        if dimension == 2:
+            return self.has_circles
+        spheres = (reflector for reflector in self.reflectors if isinstance(reflector, SphereReflector))
+        return any(sphere.blocker_radius is not None for sphere in spheres)
+
     @property
     def reflector_names(self) -> tuple[str, ...]:
         """The names of the reflectors; a batch refers to them by index."""

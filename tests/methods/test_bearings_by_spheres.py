@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from space_worlds import dense_covariance, space_batch
 
+from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.methods import bearings_ls, bearings_ml, bearings_stansfield
 from nlosctl.models.sight import bearing_lines
@@ -53,3 +56,26 @@ def test_errors_and_covariances_agree_with_the_bound(name: str, std_deg: float):
         lines = bearing_lines(batch)
         bound = lines.information(*(source[:, axis] - lines.center[axis] for axis in range(3))).inverse().trace
         assert 0.93 < np.sqrt((error**2).sum(axis=1).mean() / bound[judged].mean()) < 1.07
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_flags_mark_directions_below_the_horizon(name: str):
+    """``under_horizon`` is where the ray, from a station on the globe, points below the tangent plane there."""
+    batch, _ = draw_skywave(50, 2, 0.1)
+    sunk = batch.elevation_rad.copy(order="F")
+    sunk[:, 0] = np.random.default_rng(3).uniform(-0.3, 0.3, 50)
+    batch = replace(batch, elevation_rad=sunk)
+    level = np.cos(sunk)
+    ray = np.stack([level * np.cos(batch.bearing_rad), level * np.sin(batch.bearing_rad), np.sin(sunk)], axis=-1)
+    (sphere,) = batch.scene.reflectors
+    up = np.concatenate([batch.sensor_xy_m, batch.sensor_z_m[..., None]], axis=-1) - np.array(sphere.center)
+    expected = np.einsum("bki,bki->bk", ray, up) < 0.0
+    assert 10 < expected.sum() < 40
+    method = METHODS[name]
+    assert (method.solve(batch, method.options()).flags.columns["under_horizon"] == expected).all()
+    names = method.flag_columns(method.options(), batch.scene, ("elevation_rad",), details=False, dimension=3)
+    assert "under_horizon" in names
+    clear = Scene(reflectors=(replace(sphere, blocker_radius=None),))
+    assert "under_horizon" not in method.solve(replace(batch, scene=clear), method.options()).flags.columns
+    names = method.flag_columns(method.options(), clear, ("elevation_rad",), details=False, dimension=3)
+    assert "under_horizon" not in names

@@ -58,8 +58,9 @@ class Column:
     that the setting ``estimate_std`` estimates. ``scene_axis`` (0: x, 1: y, 2: height) lets the scene's sensor
     position fill it. ``names_reflector`` marks text that names a reflector of the scene, ``measured`` a measured
     value. ``carried`` columns are truth or flags of an earlier step: checked for their type and copied, never passed
-    to a method. ``of_circles`` marks flags that are only set in a scene with circles, ``of_space`` those of three
-    dimensions. ``earth_place`` names the location (see `EARTH_PLACES`) whose latitude and longitude can replace it.
+    to a method. ``of_horizons`` marks flags that are only set in a scene with circles, in space with opaque spheres,
+    ``of_space`` those of three dimensions. ``earth_place`` names the location (see `EARTH_PLACES`) whose latitude and
+    longitude can replace it.
     ``add`` is the name by which the setting ``add`` requests a result column. ``measured_at`` names the node where a
     direction is measured: ``sensor``, ``tx`` or ``rx``. A column with ``only_with`` is used only in a file with one of
     these columns (without any: only by a step of reading). ``scene_sensor`` is the column that names the sensor of the
@@ -88,7 +89,7 @@ class Column:
     only_with: tuple[str, ...] | None = None
     scene_sensor: str = ""
     carried: bool = False
-    of_circles: bool = False
+    of_horizons: bool = False
     of_space: bool = False
     earth_place: str = ""
     add: str = ""

@@ -145,8 +145,8 @@ FLAGS = Table(
             name="under_horizon",
             type="boolean",
             nullable=True,
-            of_circles=True,
-            meaning="whether the bearing points below the sensor's horizon, from which the circle reflects no wave",
+            of_horizons=True,
+            meaning="whether the bearing is below the sensor's horizon, from which no circle or sphere reflects a wave",
         ),
         Column(
             name="los",

@@ -275,9 +275,9 @@ def _inflated_information(lines: Sight, point: Point) -> InflatedCovariance:
 
 
 def bearing_flags(batch: BearingBatch, lines: Sight, status: StatusArray, *point: FloatArray) -> Flags:
-    """Return the flags of fixes (B,): ``used``, residuals, and ``under_horizon`` where the scene has circles."""
+    """Return the flags of fixes (B,): ``used``, residuals, and ``under_horizon`` where the scene has horizons."""
     with ignoring_overflow():
         flags = Flags.of_fixes(status, lines.residuals(batch, *point))
-    if not batch.scene.has_circles:
+    if not batch.scene.has_horizons(batch.dimension):
         return flags
     return replace(flags, columns={**flags.columns, "under_horizon": lines.under_horizon()})
