@@ -24,8 +24,8 @@ _PAPERS = {
     "Environments, IEEE Signal Processing Letters 30, 1597-1601, 2023",
     "Beck, Stoica, Li 2008": "A. Beck, P. Stoica, J. Li, Exact and Approximate Solutions of Source Localization "
     "Problems, IEEE Transactions on Signal Processing 56(5), 1770-1778, 2008",
-    "Chan, Ho 1994": "Y.-T. Chan, K. C. Ho, A Simple and Efficient Estimator for Hyperbolic Location, IEEE Transactions "
-    "on Signal Processing 42(8), 1905-1915, 1994",
+    "Chan, Ho 1994": "Y.-T. Chan, K. C. Ho, A Simple and Efficient Estimator for Hyperbolic Location, IEEE "
+    "Transactions on Signal Processing 42(8), 1905-1915, 1994",
     "Shen, Molisch 2012": "J. Shen, A. F. Molisch, Indirect Path Detection Based on Wireless Propagation "
     "Measurements, IEEE Transactions on Wireless Communications, 2012, doi:10.1109/TWC.2012.112012.120104",
     "Ananthasubramaniam, Madhow": "B. Ananthasubramaniam, U. Madhow, Cooperative Localization Using Angle of Arrival "
