@@ -13,6 +13,7 @@ from nlosctl.contract.results import Solution
 from nlosctl.contract.tables.arrivals import OFFSET
 from nlosctl.models.arrivals import arrival_rows
 from nlosctl.solvers.arrivals.closed_forms import initial_estimates
+from nlosctl.solvers.arrivals.far_field import without_open_distance
 from nlosctl.solvers.arrivals.likelihood import AT_INFINITY, ArrivalProblem
 from nlosctl.solvers.optimization.two_optima import find_best_two, nearer_first
 from nlosctl.solvers.ranges.optima import estimate_factors, finish_range_fix, with_covariances
@@ -40,7 +41,8 @@ def solve(batch: ArrivalBatch, options: ArrivalOptions) -> Solution:
     """Solve a batch by the likelihood of the arrivals, (1) of `nlosctl.models.arrivals`, in the plane or in space.
 
     Levenberg-Marquardt from the closed forms of `initial_estimates`. That is the likelihood of all differences to any
-    reference with their full covariance. The covariance is the inverse Fisher information at the estimate.
+    reference with their full covariance. The covariance is the inverse Fisher information at the estimate. A source
+    whose arrivals a plane wave explains nearly as well is degenerate.
     """
     rows = arrival_rows(batch)
     points = initial_estimates(rows)
@@ -56,7 +58,7 @@ def solve(batch: ArrivalBatch, options: ArrivalOptions) -> Solution:
     if batch.std == "unknown":
         factors = estimate_factors(rows, *ends, options.ambiguous_within)
         rows = replace(rows, std_m=factors.scaled(rows.std_m))
-    one, other = with_covariances(rows, *ends, factors)
+    one, other = (without_open_distance(rows, end) for end in with_covariances(rows, *ends, factors))
     return finish_range_fix(
         batch,
         rows,

@@ -15,6 +15,7 @@ from nlosctl.contract.tables.arrivals import OFFSET
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.arrivals import ArrivalRows, arrival_rows
 from nlosctl.solvers.arrivals.closed_forms import initial_estimates
+from nlosctl.solvers.arrivals.far_field import without_open_distance
 from nlosctl.solvers.arrivals.likelihood import AT_INFINITY
 from nlosctl.solvers.arrivals.squared_differences import DifferenceFit, squared_differences
 from nlosctl.solvers.optimization.two_optima import End, find_best_two, nearer_first
@@ -66,8 +67,8 @@ def solve(batch: ArrivalBatch, options: SquaredDifferenceOptions) -> Solution:
     return finish_range_fix(
         batch,
         rows,
-        _with_covariance(rows, fit, one),
-        _with_covariance(rows, fit, other),
+        without_open_distance(rows, _with_covariance(rows, fit, one)),
+        without_open_distance(rows, _with_covariance(rows, fit, other)),
         min_range_m=options.min_range_m,
         ambiguous_within=options.ambiguous_within,
         at_optimum=False,

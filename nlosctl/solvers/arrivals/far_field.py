@@ -1,0 +1,88 @@
+"""Sources so far away that arrival times hardly differ from those of a plane wave: their distance is not determined."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from nlosctl.arrays import BoolArray, FloatArray, ignoring_invalid, ignoring_overflow
+from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.arrivals import ArrivalRows
+from nlosctl.solvers.arrivals.likelihood import AT_INFINITY, ArrivalProblem
+from nlosctl.solvers.ranges.paired_estimates import RangeOptimum
+
+__all__ = ["distance_is_open", "without_open_distance"]
+
+_STEPS = 5
+
+_LEAST_NATS = 12.5
+"""A plane wave must be so much worse: the inverse distance is then five standard deviations from zero."""
+
+
+def without_open_distance(rows: ArrivalRows, optimum: RangeOptimum) -> RangeOptimum:
+    """Return the optimum with a covariance that is not finite where its distance is open."""
+    nothing = SymmetricMatrix.full(optimum.cost.shape, np.inf, len(optimum.point))
+    return replace(optimum, covariance=nothing.where(distance_is_open(rows, *optimum.point), optimum.covariance))
+
+
+def distance_is_open(rows: ArrivalRows, *point: FloatArray) -> BoolArray:
+    """Return for which fixes (B,), D arrays about the local origins, a plane wave explains the arrivals nearly as well.
+
+    The inverse distance is what is nearly Gaussian; that of such a fix is within five standard deviations of zero, and
+    the covariance of its position is not the size of its error. The plane wave is a point at `AT_INFINITY` array sizes
+    in the direction of the fix, or of a coarse set if one is likelier, turned by Newton steps across it.
+    """
+    problem, far_m = ArrivalProblem.of_rows(rows), AT_INFINITY * rows.size_m()
+    with ignoring_overflow():
+        unit = _likeliest(problem, far_m, _normalized(point))
+        for _ in range(_STEPS):
+            at = problem.evaluate(*(part * far_m for part in unit))
+            across = _across(unit)
+            steps = []
+            for tangent in across:
+                curve = at.hessian.quadratic_form(*tangent)
+                steps.append(np.where(curve > 0.0, -_dot(tangent, at.gradient) / (curve * far_m), 0.0))
+            turned = tuple(
+                part + sum(step * tangent[axis] for step, tangent in zip(steps, across, strict=True))
+                for axis, part in enumerate(unit)
+            )
+            unit = _normalized(turned)
+        wave = problem.evaluate(*(part * far_m for part in unit)).cost
+        fix = problem.evaluate(*point).cost
+    with ignoring_invalid():
+        return np.asarray(wave - fix <= _LEAST_NATS)
+
+
+def _likeliest(problem: ArrivalProblem, far_m: FloatArray, unit: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
+    """Return the likeliest of unit vectors and of those whose coordinates are equal in size or zero."""
+    least = problem.evaluate(*(part * far_m for part in unit)).cost
+    for signs in product((-1.0, 0.0, 1.0), repeat=len(unit)):
+        if any(signs):
+            other = tuple(np.full(far_m.shape, sign / np.linalg.norm(signs)) for sign in signs)
+            cost = problem.evaluate(*(part * far_m for part in other)).cost
+            unit = tuple(np.where(cost < least, new, old) for new, old in zip(other, unit, strict=True))
+            least = np.fmin(least, cost)
+    return unit
+
+
+def _normalized(vector: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
+    length = np.sqrt(_dot(vector, vector))
+    return tuple(part / length for part in vector)
+
+
+def _dot(one: tuple[FloatArray, ...], other: tuple[FloatArray, ...]) -> FloatArray:
+    return np.asarray(sum(a * b for a, b in zip(one, other, strict=True)))
+
+
+def _across(unit: tuple[FloatArray, ...]) -> list[tuple[FloatArray, ...]]:
+    """Return D - 1 unit vectors across unit vectors: in space along the horizontal and up."""
+    if len(unit) == 2:
+        return [(-unit[1], unit[0])]
+    x, y, z = unit
+    level = np.hypot(x, y)
+    zero = np.zeros(x.shape)
+    steep = level < 1e-9
+    cosine, sine = np.where(steep, 1.0, x / level), np.where(steep, 0.0, y / level)
+    return [(-sine, cosine, zero), (-z * cosine, -z * sine, level)]
