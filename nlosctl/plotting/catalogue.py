@@ -28,7 +28,7 @@ VIEWS: dict[str, View] = {
         View(
             name="scene",
             shows="one snapshot: sensors, mirrors, bearings with +-1 std, reflected rays, ranges, estimates with 95 % "
-            "ellipses, truth",
+            "ellipses, truth; in space as plan and elevation",
             takes="measurements or flags (bearings, ranges), estimates, or both",
             uses=("snapshot", "target_z_m"),
         ),

@@ -96,7 +96,7 @@ class SampledRows:
 class PlotSnapshot:
     """One snapshot of measurements: the contract's columns (K,), ``sensor`` as names, and all columns of the file.
 
-    ``left_out`` (K,) marks rows that an earlier step flagged.
+    ``left_out`` (K,) marks rows that an earlier step flagged; ``dimension`` is that of the positions to estimate.
     """
 
     id: str
@@ -105,6 +105,7 @@ class PlotSnapshot:
     columns: Columns
     sensor: Sequence[str]
     left_out: BoolArray
+    dimension: int = 2
     file_columns: Columns = field(default_factory=dict)
 
 
@@ -183,6 +184,7 @@ def read_snapshot(file: PlotInput, options: InputOptions, snapshot: str | None) 
                 columns=columns,
                 sensor=[reader.sensor_names[code] for code in columns.get("sensor", ())],
                 left_out=chunk.left_out[rows],
+                dimension=reader.dimension,
                 file_columns={name: as_array(table.column(name)) for name in table.column_names},
             )
     finally:

@@ -16,7 +16,7 @@ from nlosctl.plotting.views.detection import draw_detection_view
 from nlosctl.plotting.views.echoes import draw_echo_view
 from nlosctl.plotting.views.errors import draw_error_cdf, draw_sweep
 from nlosctl.plotting.views.estimates import draw_estimates_view
-from nlosctl.plotting.views.scene import draw_scene_view
+from nlosctl.plotting.views.space import draw_scene_view
 from nlosctl.plotting.views.triplets import draw_triplet_view
 
 __all__ = ["choose_view", "draw_picture"]

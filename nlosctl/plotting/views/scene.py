@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,19 +14,23 @@ from nlosctl.contract.scene import Reflector, Scene
 from nlosctl.errors import UsageError
 from nlosctl.io.results.plot_inputs import PlotSnapshot, read_snapshot
 from nlosctl.models.traced_rays import points_at_range
-from nlosctl.plotting.figures import figure_style
 from nlosctl.plotting.library import Axes, Circle, Polygon
 from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors, legend_once, scene_sensors
 from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.views.close_ups import draw_with_close_up
 from nlosctl.plotting.views.many_rows import MANY_ROWS, circle_outlines, draw_faint_lines, draw_tracks, ray_paths
-from nlosctl.plotting.views.snapshot_rows import draw_estimates_of_snapshot, draw_truth, estimate_rows_of
+from nlosctl.plotting.views.snapshot_rows import Columns, draw_estimates_of_snapshot, draw_truth
 
 __all__ = [
+    "ROW_LOOKS",
+    "RowLook",
+    "draw_in_plane",
     "draw_range",
-    "draw_scene_view",
     "first_measurements",
     "horizontal_ranges",
+    "range_label",
+    "reflector_of",
+    "row_kinds",
     "row_sensors",
     "sensor_positions",
 ]
@@ -34,8 +39,8 @@ _WIDEST_WEDGE_RAD = 1.0
 
 
 @dataclasses.dataclass(frozen=True)
-class _RayLook:
-    """Look of a kind of ray, and its label in the legend."""
+class RowLook:
+    """Look of a kind of row, and its label in the legend."""
 
     label: str
     color: str
@@ -43,20 +48,18 @@ class _RayLook:
     wedge: bool
 
 
-_LOOKS = {
-    "direct": _RayLook("bearing $\\pm 1$ std, direct", "#0072b2", "-", wedge=True),
-    "reflected": _RayLook("bearing $\\pm 1$ std, by a mirror", "#b35900", (0, (5.0, 1.5)), wedge=True),
-    "flagged": _RayLook("bearing, flagged (los false)", "#808080", (0, (1.0, 2.0)), wedge=False),
-    "unused": _RayLook("bearing, not used", "#a8a8a8", (0, (3.0, 3.0)), wedge=False),
+ROW_LOOKS = {
+    "direct": RowLook("bearing $\\pm 1$ std, direct", "#0072b2", "-", wedge=True),
+    "reflected": RowLook("bearing $\\pm 1$ std, by a mirror", "#b35900", (0, (5.0, 1.5)), wedge=True),
+    "flagged": RowLook("bearing, flagged (los false)", "#808080", (0, (1.0, 2.0)), wedge=False),
+    "unused": RowLook("bearing, not used", "#a8a8a8", (0, (3.0, 3.0)), wedge=False),
 }
 
 
-@figure_style()
-def draw_scene_view(request: PlotRequest) -> Picture:
-    """Draw one snapshot: measurements, estimates, or both."""
-    measured = first_measurements(request)
-    snapshot = request.snapshot if measured is None else measured.id
-    snapshot, estimates = estimate_rows_of(request.of("estimates"), snapshot)
+def draw_in_plane(
+    request: PlotRequest, measured: PlotSnapshot | None, snapshot: str | None, estimates: Sequence[tuple[str, Columns]]
+) -> Picture:
+    """Draw one snapshot in the plane: measurements, estimates, or both."""
     scene = request.files[0].scene if measured is None else measured.scene
     names, sensors = scene_sensors(scene) if measured is None else sensor_positions(measured)
 
@@ -126,7 +129,7 @@ def draw_range(axes: Axes, measured: PlotSnapshot, row: int, radius: float, **lo
     """
     color, label = look["edgecolor"], look.pop("label")
     sensor = row_sensors(measured)[row]
-    reflector = _reflector_of(measured.scene, measured.columns, row)
+    reflector = reflector_of(measured.scene, measured.columns, row)
     line = {"color": color, "linestyle": look["linestyle"], "label": label}
     if reflector is None:
         axes.add_patch(Circle((float(sensor[0]), float(sensor[1])), radius, fill=False, **look))
@@ -140,7 +143,7 @@ def _draw_measurements(
     axes: Axes, measured: PlotSnapshot, extent: Extent, focus: Extent, target_z_m: float | None
 ) -> list[str]:
     """Draw every row, in an own style for each kind of row; return notes on what is not drawn."""
-    kinds = _row_kinds(measured)
+    kinds = row_kinds(measured)
     bearings = "bearing_rad" in measured.columns
     if target_z_m is not None and bearings and "range_m" not in measured.columns:
         raise UsageError("`target_z_m` needs ranges")
@@ -152,7 +155,7 @@ def _draw_measurements(
         return [*notes, f"{len(kinds)} rows: their lines are faint, without +-1 std"]
     labels: set[str] = set()
     for row, kind in enumerate(kinds):
-        look = _LOOKS[kind]
+        look = ROW_LOOKS[kind]
         if radius is None:
             _draw_ray(axes, measured, row, look, legend_once(labels, look.label), (extent, focus))
         elif np.isfinite(radius[row]):
@@ -164,13 +167,14 @@ def _draw_measurements(
                 edgecolor=look.color,
                 linestyle=look.line,
                 linewidth=1.0,
-                label=legend_once(labels, _range_label(look)),
+                label=legend_once(labels, range_label(look)),
                 zorder=2.0,
             )
     return notes
 
 
-def _range_label(look: _RayLook) -> str:
+def range_label(look: RowLook) -> str:
+    """Return the label of a kind of range in the legend."""
     return look.label.replace("bearing $\\pm 1$ std", "range").replace("bearing", "range")
 
 
@@ -185,28 +189,29 @@ def _draw_many(
     sensor = row_sensors(measured)
     goal = views[1] if views[1].is_known else views[0]
     reflector = measured.columns.get("reflector", np.full(kinds.shape, -1)).astype(np.int64)
-    for kind, look in reversed(_LOOKS.items()):
+    for kind, look in reversed(ROW_LOOKS.items()):
         rows = np.flatnonzero(kinds == kind)
         if not rows.size:
             continue
         if radius is None:
             bearing = measured.columns["bearing_rad"]
             lines = [
-                ray_paths(sensor[own], bearing[own], _reflector_of(measured.scene, measured.columns, own[0]), goal)
+                ray_paths(sensor[own], bearing[own], reflector_of(measured.scene, measured.columns, own[0]), goal)
                 for own in (rows[reflector[rows] == number] for number in np.unique(reflector[rows]))
             ]
             outlines, label = list(np.concatenate(lines)), look.label.replace(" $\\pm 1$ std", "")
         else:
-            rows, label = rows[np.isfinite(radius[rows])], _range_label(look)
+            rows, label = rows[np.isfinite(radius[rows])], range_label(look)
             direct, mirrored = rows[reflector[rows] < 0], rows[reflector[rows] >= 0]
             outlines = list(circle_outlines(sensor[direct], radius[direct]))
             for row in mirrored:
-                mirror = _reflector_of(measured.scene, measured.columns, row)
+                mirror = reflector_of(measured.scene, measured.columns, row)
                 outlines += [] if mirror is None else [points_at_range(sensor[row], float(radius[row]), mirror)]
         draw_faint_lines(axes, outlines, color=look.color, label=label, zorder=2.0)
 
 
-def _row_kinds(measured: PlotSnapshot) -> list[str]:
+def row_kinds(measured: PlotSnapshot) -> list[str]:
+    """Return the kind of each row (K,), a key of `ROW_LOOKS`."""
     columns, file = measured.columns, measured.file_columns
     size = len(measured.sensor)
     reflector = columns.get("reflector", np.full(size, -1))
@@ -223,12 +228,12 @@ def _row_kinds(measured: PlotSnapshot) -> list[str]:
 
 
 def _draw_ray(
-    axes: Axes, measured: PlotSnapshot, row: int, look: _RayLook, label: str, views: tuple[Extent, Extent]
+    axes: Axes, measured: PlotSnapshot, row: int, look: RowLook, label: str, views: tuple[Extent, Extent]
 ) -> None:
     """Draw a bearing as the path of its wave, to a little beyond the estimates, and its wedge of +-1 std."""
     columns = measured.columns
     sensor = np.array([[columns["sensor_x_m"][row], columns["sensor_y_m"][row]]])
-    reflector = _reflector_of(measured.scene, columns, row)
+    reflector = reflector_of(measured.scene, columns, row)
     std = float(columns["bearing_std_rad"][row])
     goal = views[1] if views[1].is_known else views[0]
     bearing = float(columns["bearing_rad"][row])
@@ -255,6 +260,7 @@ def _leads_to(path: FloatArray, goal: Extent) -> bool:
     return bool((0.5 * (goal.low + goal.high) - path[1]) @ along > 0.0)
 
 
-def _reflector_of(scene: Scene, columns: dict[str, npt.NDArray[np.generic]], row: int) -> Reflector | None:
+def reflector_of(scene: Scene, columns: dict[str, npt.NDArray[np.generic]], row: int) -> Reflector | None:
+    """Return the reflector of a row, None without one."""
     index = int(columns["reflector"][row]) if "reflector" in columns else -1
     return scene.reflectors[index] if index >= 0 else None

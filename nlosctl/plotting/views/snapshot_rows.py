@@ -16,7 +16,15 @@ from nlosctl.plotting.library import Axes
 from nlosctl.plotting.plane import Extent, draw_ellipses
 from nlosctl.plotting.texts import plain
 
-__all__ = ["draw_estimates_of_snapshot", "draw_truth", "estimate_rows_of", "fixes_of", "labels_of_rows", "positions_of"]
+__all__ = [
+    "Columns",
+    "draw_estimates_of_snapshot",
+    "draw_truth",
+    "estimate_rows_of",
+    "fixes_of",
+    "labels_of_rows",
+    "positions_of",
+]
 
 Columns = Mapping[str, npt.NDArray[np.generic]]
 
@@ -43,13 +51,19 @@ def labels_of_rows(columns: Columns, count: int, prefix: str = "") -> list[str]:
     return [shown[word] for word in words]
 
 
-def draw_estimates_of_snapshot(axes: Axes, estimates: Sequence[tuple[str, Columns]], extent: Extent) -> list[str]:
-    """Draw the estimates with their 95 % ellipses, a style per method; return notes on what could not be drawn."""
+def draw_estimates_of_snapshot(
+    axes: Axes, estimates: Sequence[tuple[str, Columns]], extent: Extent, seen: str = "xy"
+) -> list[str]:
+    """Draw the estimates with their 95 % ellipses, a style per method; return notes on what could not be drawn.
+
+    ``seen`` are the two coordinates of the panel; the ellipse is that of their marginal covariance.
+    """
+    right, up = seen[0], seen[1]
     notes = []
     style = 0
     for prefix, columns in estimates:
-        position = positions_of(columns, "x_m", "y_m")
-        covariance = np.stack([_numbers(columns, name) for name in ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2")], axis=1)
+        position = positions_of(columns, f"{right}_m", f"{up}_m")
+        covariance = np.stack([_numbers(columns, f"cov_{pair}_m2") for pair in (2 * right, right + up, 2 * up)], axis=1)
         degrees = _numbers(columns, "std_dof") if "std_dof" in columns else np.full(position.shape[0], np.nan)
         labels = np.array(labels_of_rows(columns, position.shape[0], prefix), dtype=object)
         best = _numbers(columns, "alternative") == 0.0
@@ -91,11 +105,12 @@ def draw_estimates_of_snapshot(axes: Axes, estimates: Sequence[tuple[str, Column
     return notes
 
 
-def draw_truth(axes: Axes, columns: Columns, extent: Extent) -> None:
-    """Draw the true positions in the rows, each once."""
-    if not {"truth_x_m", "truth_y_m"} <= columns.keys():
+def draw_truth(axes: Axes, columns: Columns, extent: Extent, seen: str = "xy") -> None:
+    """Draw the true positions in the rows, each once, by the two coordinates ``seen``."""
+    names = [f"truth_{axis}_m" for axis in seen]
+    if not set(names) <= columns.keys():
         return
-    truth = np.unique(positions_of(columns, "truth_x_m", "truth_y_m"), axis=0)
+    truth = np.unique(positions_of(columns, *names), axis=0)
     truth = truth[np.isfinite(truth).all(axis=1)]
     if truth.size:
         axes.plot(
