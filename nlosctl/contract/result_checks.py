@@ -80,6 +80,7 @@ def _value_faults(estimates: Estimates, size: int) -> Iterator[str]:
     yield from null_faults("position", estimates.position_m, has_position(status), status)
     yield from null_faults("covariance", estimates.covariance_m2, has_covariance(status), status)
     covariance = estimates.covariance_m2[has_covariance(status)]
+    covariance = covariance[np.isfinite(covariance).all(axis=1)]
     if not _are_semidefinite(SymmetricMatrix(*covariance.T)):
         yield "a covariance is not positive semidefinite"
 

@@ -84,8 +84,8 @@ def generate(options: ArrivalOptions, generator: np.random.Generator, snapshots:
         "arrival_m": arrival.ravel(),
         "arrival_std_m": np.full(arrival.size, options.arrival_std_m),
         **{f"truth_{axis}_m": repeated(part) for axis, part in zip("xyz", source[:dimension], strict=False)},
-        "truth_offset_m": repeated(offset),
         "truth_los": is_direct.ravel(),
+        "truth_offset_m": repeated(offset),
     }
 
 

@@ -151,7 +151,7 @@ def test_the_gdop_is_that_of_the_rows_used(cli: Any, tmp_path: Path) -> None:
     ("words", "message"),
     [
         (["--ellipse", "1.5"], "--ellipse must be a probability between 0 and 1. Got 1.5 instead."),
-        (["--add", "cep95"], "--add cep95: no such column (did you mean 'cep50'?); there are: cep50, gdop"),
+        (["--add", "cep95"], "--add cep95: no such column (did you mean 'cep50'?); there are: cep50, sep50, gdop"),
     ],
 )
 def test_invalid_coverage_and_columns(cli: Any, words: list[str], message: str) -> None:

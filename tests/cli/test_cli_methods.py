@@ -76,7 +76,7 @@ def test_a_method_can_be_shown_by_its_full_name(cli: Cli) -> None:
     """``KIND.NAME`` shows the same as the bare name."""
     assert cli("methods", "show", "bearings.ls", "--json").json == cli("methods", "show", "ls", "--json").json
     both = cli("methods", "show", "ml", "--json").json
-    assert [entry["kind"] for entry in both] == ["bearings", "ranges", "triplets"]
+    assert [entry["kind"] for entry in both] == ["arrivals", "bearings", "ranges", "triplets"]
 
 
 def test_check_loads_all(cli: Cli) -> None:

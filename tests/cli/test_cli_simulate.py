@@ -14,6 +14,8 @@ pytestmark = pytest.mark.extensive
 Cli = Callable[..., Outcome]
 SCENARIOS = ["bearings", "mixed", "over-the-horizon", "random", "ring", "song-circle", "song-flat"]
 OTHER_KINDS = [
+    "arrivals",
+    "box",
     "echo-field",
     "liang",
     "madhow-ring",
@@ -22,6 +24,10 @@ OTHER_KINDS = [
     "ranges",
     "room",
     "shen",
+    "single-station",
+    "skywave",
+    "space-ring",
+    "street",
     "triplets",
 ]
 """Scenarios that have tests of their own."""

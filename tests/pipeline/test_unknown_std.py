@@ -297,7 +297,7 @@ def test_missing_stds_name_the_setting_and_others_are_refused():
     table = world(4, 3, 0.02, stated=False)
     with pytest.raises(DataError, match=r"missing column 'bearing_std_rad'.*or estimate it by `estimate_std`"):
         nlosctl.localize(table)
-    with pytest.raises(UsageError, match=r"not for suppress on bearings; it is for bearings: .*ml.*; ranges: .*r-ls"):
+    with pytest.raises(UsageError, match=r"not for suppress on bearings; it is for .*bearings: .*ml.*; ranges: .*r-ls"):
         nlosctl.localize(table, method="suppress", estimate_std="file")
     with pytest.raises(UsageError, match="must be one of snapshot, sensor, file"):
         nlosctl.localize(table, estimate_std="row")

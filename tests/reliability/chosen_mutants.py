@@ -83,7 +83,7 @@ MUTANTS = (
     Mutant(
         "ranges that all agree need as much evidence as others",
         "solvers/mixture/range_rows.py",
-        "return np.maximum(evidence, evidence + bonus_of_agreement(self.mixture, probability, log_chance))",
+        "return np.maximum(evidence, evidence + bonus)",
         "return evidence",
         ("tests/methods/test_ranges_mixture.py",),
     ),

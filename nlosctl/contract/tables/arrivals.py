@@ -15,7 +15,7 @@ _UNITS = (
     ("us", 1e-6, "microseconds"),
     ("ns", 1e-9, "nanoseconds"),
 )
-_METRES = (Spelling(name="tdoa_m", scale=1.0, meaning="difference to the arrival at `reference`"),)
+_METRES = (Spelling(name="tdoa_m", scale=1.0, meaning="difference to the arrival at the reference"),)
 
 
 def _times(name: str, what: str = "") -> tuple[Spelling, ...]:
@@ -32,7 +32,7 @@ def _times(name: str, what: str = "") -> tuple[Spelling, ...]:
     )
 
 
-_TDOA = (*_METRES, *_times("tdoa", ", a difference to the arrival at `reference`"))
+_TDOA = (*_METRES, *_times("tdoa", ", a difference to the arrival at the reference"))
 
 DIFFERENCES = tuple(spelling.name for spelling in _TDOA)
 """The names of the column of arrivals in a file of differences to a reference."""
