@@ -203,6 +203,19 @@ def test_ml_is_the_global_minimum(snapshots: int) -> None:
     assert worse <= snapshots // 100
 
 
+@pytest.mark.parametrize(("dimension", "share"), [(2, 0.41), (3, 0.54)])
+def test_both_exact_solutions_are_found(method: MethodSpec, dimension: int, share: float) -> None:
+    """With as many equal rows as unknowns the source is among the fixes, and as often as published there are two."""
+    generator = np.random.default_rng(dimension)
+    sensors = generator.uniform(-1.0, 1.0, (400, dimension + 1, dimension))
+    points = generator.uniform(-1.0, 1.0, (400, 1, dimension))
+    arrivals = np.linalg.norm(sensors - points, axis=2) + 7.0
+    estimates = solve(method, arrival_batch(sensors, arrivals, 1e-6)).estimates
+    away = np.linalg.norm(estimates.position_m - points[estimates.row, 0], axis=1)
+    assert np.unique(estimates.row[away < 1e-4]).size > 390
+    assert np.mean(np.bincount(estimates.row) == 2) == pytest.approx(share, abs=0.08)
+
+
 def test_srd_ls_is_the_global_minimum() -> None:
     """The squared differences cost no more at the fix than after 25 searches by scipy, of every size of noise."""
     for seed in range(24):

@@ -42,7 +42,8 @@ def initial_estimates(rows: ArrivalRows) -> Points:
     weight = weight / sum_measurements(weight)[:, None]
     sensor = [part / size[:, None] for part in rows.sensor]
     arrival = rows.arrival_m / size[:, None]
-    arrival = arrival - sum_measurements(weight * arrival)[:, None]
+    # Not about 0, as the sensors are: D + 1 rows of equal weight would make Bancroft's equations singular.
+    arrival = arrival - (sum_measurements(arrival) / arrival.shape[1])[:, None] + 1.0
     square = arrival * arrival
     if rows.height is not None:
         square = square - (rows.height / size[:, None]) ** 2
