@@ -61,6 +61,8 @@ fixtures: $(RUNTIME) ## make fixtures/ again
 	$(BIN)/python fixtures/builders/build_ranges.py
 	$(BIN)/python fixtures/builders/build_over_the_horizon.py
 	$(BIN)/python fixtures/builders/build_triplets.py
+	$(BIN)/python fixtures/builders/build_space.py
+	$(BIN)/python fixtures/builders/build_arrivals.py
 	$(BIN)/python fixtures/builders/build_formats.py
 
 benchmark: $(DEV) ## all benchmarks, peers too, to benchmarks/results.md and benchmarks/history/

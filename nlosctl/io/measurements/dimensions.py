@@ -26,9 +26,9 @@ _ACROSS = "direction_std_rad"
 
 
 def in_dimension(
-    table: Table, names: Collection[str], constants: Collection[str], scene: Scene, asked: int | None
+    table: Table, names: Collection[str], constants: Collection[str], scene: Scene, file: str, asked: int | None
 ) -> tuple[Table, list[str]]:
-    """Return the table in the dimension ``asked``, and remarks on what is then not used.
+    """Return the table of ``file`` in the dimension ``asked``, and remarks on what is then not used.
 
     Default: three if a file with the columns ``names`` has elevations, their standard deviations and the heights of all
     sensors, in columns, ``constants`` or the scene; else two. Raises DataError for a scene that is not of space.
@@ -36,7 +36,7 @@ def in_dimension(
     space = table.in_space()
     lacking = _lacking(space, names, constants, scene)
     if asked == 3 or (asked is None and lacking == []):
-        _refuse_circles(scene)
+        _refuse_circles(scene, file)
         return space, []
     unused = [
         name
@@ -78,12 +78,12 @@ def _is_absent(space: Table, std: Column, given: Collection[str]) -> bool:
     return accepted.isdisjoint(given)
 
 
-def _refuse_circles(scene: Scene) -> None:
+def _refuse_circles(scene: Scene, file: str) -> None:
     for reflector in scene.reflectors:
         if isinstance(reflector, CircleReflector):
             raise DataError(
-                f"scene: reflector {reflector.name!r} is a circle, of two dimensions; in three give kind = 'sphere' "
-                "with a center of three numbers"
+                f"{file}: in its scene reflector {reflector.name!r} is a circle, of two dimensions; in three give "
+                "kind = 'sphere' with a center of three numbers"
             )
 
 
