@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow.csv
 import pyproj
+import pytest
 from program import run_here
+from scipy.optimize import least_squares
 
 GEOD = pyproj.Geod(ellps="WGS84")
 ECEF = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
@@ -99,11 +101,122 @@ def test_errors_are_in_local_axes(tmp_path: Path):
 
 
 def test_reflectors_on_earth_are_refused(tmp_path: Path):
-    """A measured height beside elevations has no model among places on earth: a usage error says what to do."""
+    """Rows by a mirror have no model among places on earth: a usage error says what to do."""
     (tmp_path / "in.csv").write_text(
-        "sensor,sensor_lat_deg,sensor_lon_deg,sensor_height_m,azimuth_deg,elevation_deg,bearing_std_deg,elevation_std_deg\n"
-        "a,46,8,0,10,5,1,1\nb,46.1,8.2,0,300,4,1,1\n"
+        "sensor,sensor_lat_deg,sensor_lon_deg,sensor_height_m,azimuth_deg,elevation_deg,bearing_std_deg,"
+        "elevation_std_deg,reflector\na,46,8,0,10,5,1,1,wall\nb,46.1,8.2,0,300,4,1,1,\n"
     )
-    done = run_here("localize", "in.csv", "-m", "ml", "--target-z-m", "100", "-o", "out.csv", folder=tmp_path)
+    (tmp_path / "in.scene.toml").write_text(
+        '[[reflector]]\nname = "wall"\nkind = "plane"\npoint = [0.0, 0.0, 0.0]\nnormal = [1.0, 0.0, 0.0]\n'
+    )
+    done = run_here("localize", "in.csv", "-m", "ml", "-o", "out.csv", folder=tmp_path)
     assert done.returncode == 2
-    assert b"measured height of the target on earth is for azimuths alone" in done.stderr
+    assert b"reflectors have no model among places on earth" in done.stderr
+
+
+def test_a_height_beside_azimuth_and_elevation_on_earth(tmp_path: Path):
+    """Exact directions of pyproj and an exact height: the fix is the source, and its height the given one."""
+    source, rows = (46.3, 8.9, 9000.0), []
+    target = np.array(ECEF.transform(source[1], source[0], source[2]))
+    for name, (lat, lon, height) in {"a": (45.0, 7.0, 500.0), "b": (47.9, 7.2, 1500.0)}.items():
+        topocentric = pyproj.Transformer.from_pipeline(
+            f"+proj=pipeline +step +proj=cart +ellps=WGS84 +inv +step +proj=cart +ellps=WGS84 "
+            f"+step +proj=topocentric +ellps=WGS84 +lat_0={lat} +lon_0={lon} +h_0={height}"
+        )
+        east, north, up = topocentric.transform(*target)
+        azimuth = np.degrees(np.arctan2(east, north)) % 360.0
+        elevation = np.degrees(np.arctan2(up, np.hypot(east, north)))
+        rows.append(f"{name},{lat},{lon},{height},{azimuth:.12f},{elevation:.12f},0.1,0.1,9000")
+    header = (
+        "sensor,sensor_lat_deg,sensor_lon_deg,sensor_height_m,azimuth_deg,elevation_deg,bearing_std_deg,"
+        "elevation_std_deg,target_height_m"
+    )
+    found = solved(tmp_path, rows, header, "-m", "ml")
+    assert distance_m(source[0], source[1], found["lat_deg"][0], found["lon_deg"][0]) < 0.01
+    assert (found["height_m"], found["cov_zz_m2"]) == ([9000.0], [0.0])
+
+
+def drawn_on_earth(snapshots: int, sensors: int, height_std_m: float, *, offset_m: float) -> list[dict[str, float]]:
+    """Return rows of sensors and sources in central Europe: distances in space, with errors of 100 m, and heights."""
+    generator, rows = np.random.default_rng(sensors), []
+    for number in range(snapshots):
+        lat, lon = generator.uniform([40.0, -5.0], [55.0, 20.0])
+        target = np.array(ECEF.transform(lon, lat, 10000.0))
+        measured = 10000.0 + height_std_m * generator.standard_normal()
+        for sensor in range(sensors):
+            at_lat, at_lon, height = generator.uniform([36.0, -10.0, 0.0], [60.0, 25.0, 1000.0])
+            away = np.linalg.norm(target - ECEF.transform(at_lon, at_lat, height)) + offset_m
+            rows.append(
+                {
+                    "snapshot": number,
+                    "sensor": sensor,
+                    "sensor_lat_deg": at_lat,
+                    "sensor_lon_deg": at_lon,
+                    "sensor_height_m": height,
+                    "away_m": away + 100.0 * generator.standard_normal(),
+                    "target_height_m": measured,
+                    "target_height_std_m": height_std_m,
+                    "truth_lat_deg": lat,
+                    "truth_lon_deg": lon,
+                    "truth_z_m": 10000.0,
+                }
+            )
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("kind", "sensors", "height_std_m"),
+    [("arrival_m", 5, 100.0), ("arrival_m", 3, 0.0), ("arrival_m", 3, 100.0), ("range_m", 4, 100.0)],
+)
+def test_measured_heights_over_a_curved_earth(tmp_path: Path, kind: str, sensors: int, height_std_m: float):
+    """Each fix, alternatives too, is an optimum of arrivals (ranges) and height above the ellipsoid, found by scipy.
+
+    Sources and sensors are up to 2500 km apart: a flat plane would put the altitude hundreds of kilometres wrong.
+    """
+    rows = drawn_on_earth(25, sensors, height_std_m, offset_m=1e5 if kind == "arrival_m" else 0.0)
+    header = ",".join(rows[0]).replace("away_m", kind)
+    lines = [",".join(f"{value:.12g}" for value in row.values()) for row in rows]
+    std = ["--arrival-std-m" if kind == "arrival_m" else "--range-std-m", "100"]
+    found = solved(tmp_path, lines, header, "-m", "ml", "--alternatives", "2", *std)
+    answered = 0
+    for index, number in enumerate(found["snapshot"]):
+        if found["lat_deg"][index] is None:
+            continue
+        mine = [row for row in rows if row["snapshot"] == number]
+        at = np.array(
+            [ECEF.transform(row["sensor_lon_deg"], row["sensor_lat_deg"], row["sensor_height_m"]) for row in mine]
+        )
+        measured = np.array([row["away_m"] for row in mine])
+        height = mine[0]["target_height_m"]
+
+        def residuals(point, at=at, measured=measured, height=height):
+            excess = measured - np.linalg.norm(point - at, axis=1)
+            above = ECEF.transform(*point, direction="INVERSE")[2] - height
+            excess = excess - excess.mean() if kind == "arrival_m" else excess
+            return np.append(excess / 100.0, above / (height_std_m or 1e-3))
+
+        fix = np.array(ECEF.transform(found["lon_deg"][index], found["lat_deg"][index], found["height_m"][index]))
+        optimum = least_squares(residuals, fix, x_scale=1e3, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+        std_m = np.sqrt(found["cov_xx_m2"][index] + found["cov_yy_m2"][index] + found["cov_zz_m2"][index])
+        assert np.linalg.norm(optimum.x - fix) < 1e-3 * std_m
+        assert found["cost"][index] == pytest.approx(optimum.cost, abs=1e-6)
+        answered += 1
+    assert answered >= 22
+
+
+def test_arrivals_and_their_bound_on_earth(tmp_path: Path):
+    """NEES of fixes with altitudes has mean 3, and the bound at the truth is the size of the covariances."""
+    rows = drawn_on_earth(150, 6, 100.0, offset_m=3e7)
+    header = ",".join(rows[0]).replace("away_m", "arrival_m")
+    lines = [",".join(f"{value:.12g}" for value in row.values()) for row in rows]
+    found = solved(tmp_path, lines, header, "-m", "ml", "--arrival-std-m", "100", "--add", "nees")
+    assert found["status"] == ["ok"] * 150
+    assert 2.55 < np.mean(found["nees"]) < 3.45
+    words = ["bound", "in.csv", "--dimensions", "3", "--arrival-std-m", "100", "-o", "bound.csv"]
+    assert run_here(*words, folder=tmp_path).returncode == 0
+    bound = pyarrow.csv.read_csv(tmp_path / "bound.csv").to_pydict()
+    for axis in ("xx", "yy", "zz"):
+        ratio = np.array(bound[f"bound_{axis}_m2"]) / np.array(found[f"cov_{axis}_m2"])
+        assert 0.98 < np.median(ratio) < 1.02
+    std = np.sqrt(np.array(found["cov_xx_m2"]) * np.array(found["offset_std_m"]) ** 2)
+    assert (np.abs(found["cov_x_offset_m2"]) <= std).all()

@@ -108,12 +108,22 @@ def bounds_at_truth(reader: MeasurementReader, options: SolveOptions) -> Iterato
             if row.shape[1]:
                 for mine, rows in alike_blocks(chunk, snapshot, row):
                     batch = _without_ranges(_batch(reader, chunk, rows), options)
-                    _write_bounds(arrays, mine, model.at(batch, *truth[mine].T), options)
+                    batch, point = _in_axes_of_bound(batch, reader, truth[mine])
+                    _write_bounds(arrays, mine, model.at(batch, *point.T), options)
         yield bound_table(arrays, schema, chunk.snapshot, chunk.table, chunk.offsets[:-1])
 
 
 def _batch(reader: MeasurementReader, chunk: Chunk, row: IntArray) -> Any:
     return dense_batch(reader.kind, chunk.columns, row, scene=reader.scene, dimension=reader.dimension)
+
+
+def _in_axes_of_bound(batch: Any, reader: MeasurementReader, point: FloatArray) -> tuple[Any, FloatArray]:
+    """Return a batch and points (B, D): of places on earth in three dimensions in local east, north and up."""
+    if reader.scene.frame is None or not reader.scene.frame.on_ellipsoid:
+        return batch, point
+    from nlosctl.pipeline.solve.earth_centred import seen_from  # only for places on earth
+
+    return seen_from(batch, reader.scene.frame, point)
 
 
 def _truth(chunk: Chunk, dimension: int) -> FloatArray:
@@ -166,7 +176,10 @@ def bounds_on_map(reader: MeasurementReader, chunk: Chunk, grid: MapGrid, option
     for x, y in grid.blocks():
         point = np.stack([x, y, *(np.full(x.shape, z) for z in height)], axis=1)
         arrays = _no_bounds(point)
-        _write_bounds(arrays, slice(None), model.at(model.seen_from(single, *point.T), *point.T), options)
+        batch = model.seen_from(single, *point.T)
+        if not isinstance(batch, BearingBatch):
+            batch, point = _in_axes_of_bound(batch, reader, point)
+        _write_bounds(arrays, slice(None), model.at(batch, *point.T), options)
         yield bound_table(arrays, schema)
 
 
