@@ -33,9 +33,9 @@ class EstimateSummary:
     share_p_below_0001: float
     rmse_m: float
     rmse_std_error_m: float
-    bias_x_m: float
     horizontal_rmse_m: float | None = None
     vertical_rmse_m: float | None = None
+    bias_x_m: float
     bias_y_m: float
     bias_z_m: float | None = None
     mean_m: float
