@@ -121,7 +121,8 @@ def _wanted(annotation: Any, field: dataclasses.Field[Any]) -> str:
     name = _type_name(annotation)
     article = "an" if name[0] in "aeiou" else "a"
     bounds = _bounds(field)
-    choices = f"one of {name}" if "|" in name and "'" in name else f"{article} {name}"
+    is_choice = "|" in name and ("'" in name or name[0].isdigit())
+    choices = f"one of {name}" if is_choice else f"{article} {name}"
     return f"{choices} in the range {bounds}" if bounds else choices
 
 

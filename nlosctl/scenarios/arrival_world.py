@@ -11,6 +11,7 @@ from nlosctl.arrays import FloatArray
 from nlosctl.contract.options import option
 from nlosctl.contract.scene import Scene, Sensor
 from nlosctl.scenarios.bearing_rows import sensor_names
+from nlosctl.scenarios.scene_arrivals import IN_SCENE
 from nlosctl.scenarios.spec import Columns, ScenarioSpec
 
 __all__ = ["SCENARIO", "ArrivalOptions", "generate", "scene"]
@@ -25,7 +26,7 @@ class ArrivalOptions:
     source_radius_m: float = option(
         400.0, unit="m", minimum=0.0, meaning="radius of the concentric disc that contains the source"
     )
-    dimensions: Literal["2", "3"] = option("2", meaning="2: a plane; 3: sensors and source have heights")
+    dimensions: Literal[2, 3] = option(2, meaning="2: a plane; 3: sensors and source have heights")
     sensor_height_m: float = option(
         100.0, unit="m", minimum=0.0, meaning="sensors are at every other height of 0 and this"
     )
@@ -46,13 +47,10 @@ def scene(options: ArrivalOptions) -> Scene:
     """Return the sensors, the first on the +x axis, counter-clockwise."""
     angle = 2.0 * np.pi * np.arange(options.sensors) / options.sensors
     x, y = options.radius_m * np.cos(angle), options.radius_m * np.sin(angle)
-    in_space = options.dimensions == "3"
-    heights = [options.sensor_height_m * (number % 2) if in_space else None for number in range(options.sensors)]
+    heights = [options.sensor_height_m * (number % 2) for number in range(options.sensors)]
     return Scene(
         sensors=tuple(
-            Sensor(
-                name=name, position=(float(x[k]), float(y[k])), z_m=heights[k] if options.dimensions == "3" else None
-            )
+            Sensor(name=name, position=(float(x[k]), float(y[k])), z_m=heights[k] if options.dimensions == 3 else None)
             for k, name in enumerate(sensor_names(options.sensors))
         )
     )
@@ -92,9 +90,11 @@ def generate(options: ArrivalOptions, generator: np.random.Generator, snapshots:
 SCENARIO = ScenarioSpec(
     name="arrivals",
     kind="arrivals",
-    summary="arrival times of a source in a ring of sensors, in the plane or in space, some late; unknown offset",
+    summary="arrival times of a source in a ring of sensors, in the plane or in space, some late; unknown offset; or "
+    "in a scene of your own (--scene FILE)",
     reference="generic",
     options=ArrivalOptions,
     scene=scene,
     generate=generate,
+    of_scene=IN_SCENE.of_scene,
 )

@@ -1,23 +1,31 @@
-"""The user's own scene: its targets, and every path by which a sensor can receive them."""
+"""The user's own scene, in the plane or in space: its targets, and every path by which a sensor can receive them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
+from math import dist
+from typing import Any, ClassVar
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_invalid
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.fields import parse_field
+from nlosctl.contract.fields import BoxField, parse_field
 from nlosctl.contract.options import option
-from nlosctl.contract.scene import CircleReflector, LineReflector, Scene, SegmentReflector, Sensor
+from nlosctl.contract.scene import CircleReflector, PlaneReflector, Scene, SegmentReflector, Sensor, SphereReflector
 from nlosctl.errors import UsageError
-from nlosctl.geometry.lines import crosses_segment, reflect_points, side_of_line
+from nlosctl.geometry.directions import Vector, azimuth_elevation, length
+from nlosctl.geometry.lines import crosses_segment
 from nlosctl.models.bearing_predictions import predict_bearings
 from nlosctl.models.bearings import sight_lines
+from nlosctl.models.ranges.predictions import predict_ranges
 from nlosctl.models.search_regions import search_region
+from nlosctl.models.space.paths import predict_path_vectors
+from nlosctl.models.space.plane_mirrors import gather_plane_mirrors
+from nlosctl.models.space.rays import space_lines
+from nlosctl.scenarios.space_rows import in_table_order
 from nlosctl.scenarios.spec import Columns, ScenarioSpec
 
 __all__ = ["SQUARE", "SceneOptions", "ScenePaths", "row_columns", "scenario_in_scene", "scene_paths"]
@@ -35,13 +43,18 @@ _DRAWS = 1000
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions:
-    """Parameters of the scenarios with the user's own scene."""
+    """Parameters of the scenarios with the user's own scene. Those ``OF_SPACE`` are for sensors with heights."""
 
-    target: tuple[float, float] | None = option(
-        None, unit="m", meaning="fixed position x,y of the target; default: random in the region"
+    OF_SPACE: ClassVar[tuple[str, ...]] = ("target_z_m",)
+
+    target: tuple[float, ...] | None = option(
+        None, unit="m", meaning="fixed position x,y or x,y,z of the target; default: random in the region"
     )
     region: str = option(
         "sensors:0.5", meaning="region of random targets, as for --field; default: around the sensors of the scene"
+    )
+    target_z_m: float | None = option(
+        None, unit="m", meaning="height of the target, if neither target nor region has one; default: 0"
     )
     direct: bool = option(True, meaning="whether there are rows of the direct path, where no wall or circle is in it")
     reflected: bool = option(True, meaning="whether there are rows by the reflectors, where the path exists")
@@ -51,13 +64,16 @@ class SceneOptions:
 
     def __post_init__(self) -> None:
         parse_field(self.region)
+        if self.target is not None and len(self.target) not in (2, 3):
+            raise UsageError(f"The 'target' parameter must be x,y or x,y,z. Got {self.target!r} instead.")
 
 
 def scenario_in_scene(*, name: str, options: type[SceneOptions], generate: Callable[..., Columns]) -> ScenarioSpec:
     """Return the scenario of the kind ``name`` in `SQUARE`, or in a scene of the user's own: ``generate(scene=)``."""
 
     def of_scene(own: Scene) -> ScenarioSpec:
-        return replace(spec, scene=lambda options: own, generate=partial(generate, scene=own))
+        mine = partial(generate, scene=own)
+        return replace(spec, summary=f"{name} in your own scene", scene=lambda options: own, generate=mine)
 
     spec = ScenarioSpec(
         name=name,
@@ -74,130 +90,188 @@ def scenario_in_scene(*, name: str, options: type[SceneOptions], generate: Calla
 
 @dataclass(frozen=True)
 class ScenePaths:
-    """Paths of B snapshots by K ways each: sensor and reflector (K,), targets (B, 2), and which exist (B, K).
+    """Paths of B snapshots by K ways each, in the plane (D = 2), or in space (3) if the sensors have heights.
 
-    ``bearing_rad`` (B, K) is that of the path at the sensor; ``reflector`` is -1 for the direct path.
+    Sensor and reflector of each way (K,), -1 for the direct path; positions of sensors (B, K, D) and targets (B, D);
+    bearings, elevations (None in the plane) and lengths of the paths at the sensor (B, K), and which exist.
     """
 
     scene: Scene
     sensor: IntArray
     reflector: IntArray
-    sensor_xy_m: FloatArray
-    target_xy_m: FloatArray
+    sensor_m: FloatArray
+    target_m: FloatArray
     bearing_rad: FloatArray
+    elevation_rad: FloatArray | None
+    length_m: FloatArray
     exists: BoolArray
 
 
 def scene_paths(options: SceneOptions, scene: Scene, generator: np.random.Generator, snapshots: int) -> ScenePaths:
     """Sample a target for each snapshot, and find all paths to the sensors; raises UsageError without sensors.
 
-    A wall (segment) hides what is behind it from every path, a line mirror reflects on the side of the sensor, and
-    circles and their blockers limit paths as `nlosctl.models.obstacles` describes.
+    A wall (segment) hides what is behind it from every path, lines and planes reflect on the side of the sensor, and
+    circles, spheres and their blockers limit paths as `nlosctl.models.obstacles` describes.
     """
     if not scene.sensors:
         raise UsageError("`scene` has no sensors; add a table [[sensor]] with name and position for each")
-    sensors = scene.stationary_sensors("the simulation")
-    positions = np.array([sensor.position for sensor in sensors.values()])
+    _check_dimension(options, scene)
+    sensors = scene.stationary_sensors("the simulation").values()
+    positions = np.array(
+        [sensor.position if sensor.z_m is None else (*sensor.position, sensor.z_m) for sensor in sensors]
+    )
     reflectors = [*([-1] if options.direct else []), *(range(len(scene.reflectors)) if options.reflected else [])]
     ways = [(s, r) for s in range(len(positions)) for r in reflectors if _is_inside(scene, positions[s], r)]
     if not ways:
         raise UsageError("the scene has no path: set `parameters` direct=true, or add reflectors")
-    sensor, reflector = np.array(ways, dtype=np.int64).T
+    way_sensor, way_reflector = np.array(ways, dtype=np.int64).T
     target = _targets(options, positions, generator, snapshots)
     shape = (snapshots, len(ways))
-    sensor_xy = np.broadcast_to(positions[sensor], (*shape, 2))
-    by = np.broadcast_to(reflector, shape)
-    bearing = predict_bearings(sensor_xy, by, scene, np.broadcast_to(target[:, None], (*shape, 2)))
+    dimension = positions.shape[1]
+    sensor = np.broadcast_to(positions[way_sensor], (*shape, dimension))
+    reflector = np.broadcast_to(way_reflector, shape)
+    whole = np.broadcast_to(target[:, None], (*shape, dimension))
+    bearing, elevation, path_m = _predict_paths(sensor, whole, reflector, scene)
+    space: dict[str, Any] = {}
+    if elevation is not None:
+        level = np.nan_to_num(elevation)
+        space = {"sensor_z_m": sensor[..., 2], "elevation_rad": level, "elevation_std_rad": np.ones(shape)}
     batch = BearingBatch(
         scene=scene,
         seed=np.zeros(snapshots, dtype=np.uint64),
-        sensor=np.broadcast_to(sensor, shape),
-        sensor_xy_m=sensor_xy,
+        dimension=dimension,
+        sensor=np.broadcast_to(way_sensor, shape),
+        sensor_xy_m=sensor[..., :2],
         bearing_rad=np.nan_to_num(bearing),
         bearing_std_rad=np.ones(shape),
         path=np.zeros(shape, dtype=np.int64),
-        reflector=by,
+        reflector=reflector,
+        **space,
     )
-    lines = sight_lines(batch)
-    unseen = lines.unseen(target[:, 0] - lines.center_x, target[:, 1] - lines.center_y)
+    lines: Any = sight_lines(batch) if elevation is None else space_lines(batch)
+    unseen = lines.unseen(*(target[:, axis] - middle for axis, middle in enumerate(lines.center)))
     drawn = generator.random(shape) < options.detection_probability
-    exists = ~unseen & np.isfinite(bearing) & ~_is_blocked(scene, sensor_xy, by, target) & drawn
-    return ScenePaths(scene, sensor, reflector, sensor_xy, target, bearing, exists)
+    exists = ~unseen & np.isfinite(bearing) & ~_is_blocked(scene, _axes(sensor), reflector, _axes(target)) & drawn
+    return ScenePaths(scene, way_sensor, way_reflector, sensor, target, bearing, elevation, path_m, exists)
 
 
-def row_columns(paths: ScenePaths, values: Columns) -> Columns:
-    """Return the columns of a file: those of ``values`` (B, K) and of the paths, in rows where a path exists."""
+def row_columns(kind: str, paths: ScenePaths, values: Columns) -> Columns:
+    """Return the columns of a file of a kind: ``values`` (B, K) and those of the paths, in rows where a path exists."""
     snapshot, way = np.nonzero(paths.exists)
     names = np.array([sensor.name for sensor in paths.scene.sensors], dtype=object)
     by = {}
     if paths.scene.reflectors:
         by["reflector"] = np.array([*paths.scene.reflector_names, None], dtype=object)[paths.reflector[way]]
-    return {
+    axes = tuple(enumerate("xyz"[: paths.target_m.shape[1]]))
+    columns = {
         "snapshot": snapshot.astype(np.int64),
         "sensor": names[paths.sensor[way]],
-        "sensor_x_m": paths.sensor_xy_m[snapshot, way, 0],
-        "sensor_y_m": paths.sensor_xy_m[snapshot, way, 1],
-        **{name: column[snapshot, way] for name, column in values.items() if name != "truth_los"},
+        **{f"sensor_{axis}_m": paths.sensor_m[snapshot, way, index] for index, axis in axes},
+        **{name: column[snapshot, way] for name, column in values.items()},
         **by,
-        "truth_x_m": paths.target_xy_m[snapshot, 0],
-        "truth_y_m": paths.target_xy_m[snapshot, 1],
-        "truth_los": values["truth_los"][snapshot, way],
+        **{f"truth_{axis}_m": paths.target_m[snapshot, index] for index, axis in axes},
     }
+    return in_table_order(kind, columns)
+
+
+def _check_dimension(options: SceneOptions, scene: Scene) -> None:
+    """Raise UsageError for reflectors and parameters of the other dimension than that of the sensors."""
+    only = CircleReflector if scene.has_heights else PlaneReflector | SphereReflector
+    for reflector in scene.reflectors:
+        if isinstance(reflector, only):
+            kind = type(reflector).__name__.removesuffix("Reflector").lower()
+            cure = "use a sphere" if scene.has_heights else "give the positions of the sensors three numbers"
+            other = "two" if scene.has_heights else "three"
+            raise UsageError(f"scene: reflector {reflector.name!r} is a {kind}, of {other} dimensions; {cure}")
+    region = parse_field(options.region)
+    heights = {
+        "target": options.target is not None and len(options.target) == 3,
+        "region": options.target is None and isinstance(region, BoxField) and region.zmin_m is not None,
+    }
+    if scene.has_heights:
+        for name, has_height in heights.items():
+            if has_height and options.target_z_m is not None:
+                raise UsageError(f"`parameters` target_z_m and {name} both have heights; give one")
+        return
+    defaults = {field.name: field.default for field in fields(options)}
+    given = [name for name, has_height in heights.items() if has_height]
+    given += [name for name in options.OF_SPACE if getattr(options, name) != defaults[name]]
+    if given:
+        raise UsageError(
+            f"`parameters` {given[0]}: has heights or elevations, but the sensors of the scene have no heights; give "
+            "their positions three numbers"
+        )
 
 
 def _is_inside(scene: Scene, position: FloatArray, reflector: int) -> bool:
-    """Return whether a sensor can have paths by a reflector: it is inside a circle, and not in its blocker."""
-    circle = scene.reflectors[reflector] if reflector >= 0 else None
-    if not isinstance(circle, CircleReflector):
+    """Return whether a sensor can have paths by a reflector: it is inside a circle or sphere, not in its blocker."""
+    mirror = scene.reflectors[reflector] if reflector >= 0 else None
+    if not isinstance(mirror, CircleReflector | SphereReflector):
         return True
-    distance = float(np.hypot(position[0] - circle.center[0], position[1] - circle.center[1]))
-    return (circle.blocker_radius or 0.0) * (1.0 - 1e-6) <= distance < circle.radius
+    return (mirror.blocker_radius or 0.0) * (1.0 - 1e-6) <= dist(position, mirror.center) < mirror.radius
 
 
-def _is_blocked(scene: Scene, sensor_xy_m: FloatArray, reflector: IntArray, target_xy_m: FloatArray) -> BoolArray:
-    """Return which paths (B, K) by a line or wall cross another wall on one of their legs."""
+def _axes(points: FloatArray) -> Vector:
+    """Return the coordinates x, y, z of points (..., D); 0 in the plane."""
+    return *np.moveaxis(points, -1, 0), *([np.zeros(points.shape[:-1])] if points.shape[-1] == 2 else [])
+
+
+def _predict_paths(
+    sensor_m: FloatArray, target_m: FloatArray, reflector: IntArray, scene: Scene
+) -> tuple[FloatArray, FloatArray | None, FloatArray]:
+    """Return bearings, elevations (None in the plane) and lengths (B, K) of the paths from targets to sensors."""
+    if sensor_m.shape[-1] == 2:
+        bearing = predict_bearings(sensor_m, reflector, scene, target_m)
+        return bearing, None, predict_ranges(sensor_m, np.zeros(reflector.shape), target_m, reflector, scene)
+    vector = predict_path_vectors(_axes(sensor_m), _axes(target_m), reflector, scene)
+    return *azimuth_elevation(*vector), length(vector)
+
+
+def _is_blocked(scene: Scene, sensor: Vector, reflector: IntArray, target: Vector) -> BoolArray:
+    """Return which paths (B, K) by a line, wall or plane cross another wall on one of their legs."""
     blocked = np.zeros(reflector.shape, dtype=bool)
-    walls = [(i, wall) for i, wall in enumerate(scene.reflectors) if isinstance(wall, SegmentReflector)]
-    sensor_x, sensor_y = sensor_xy_m[..., 0], sensor_xy_m[..., 1]
-    x, y = (np.broadcast_to(target_xy_m[:, None, axis], reflector.shape) for axis in (0, 1))
-    for index, mirror in enumerate(scene.reflectors):
-        if not isinstance(mirror, LineReflector | SegmentReflector):
-            continue
-        angle = np.arctan2(mirror.direction[1], mirror.direction[0])
-        point_x, point_y = np.asarray(mirror.point[0]), np.asarray(mirror.point[1])
-        image_x, image_y = reflect_points(x, y, point_x, point_y, angle)
-        near = np.abs(side_of_line(sensor_x, sensor_y, point_x, point_y, angle))
-        far = np.abs(side_of_line(image_x, image_y, point_x, point_y, angle))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            share = near / (near + far)
-        hit_x, hit_y = sensor_x + share * (image_x - sensor_x), sensor_y + share * (image_y - sensor_y)
-        for other, wall in walls:
-            if other != index:
-                x1, y1, x2, y2 = (np.asarray(part) for part in (*wall.start, *wall.end))
-                meets = crosses_segment(sensor_x, sensor_y, hit_x, hit_y, x1, y1, x2, y2)
-                meets |= crosses_segment(hit_x, hit_y, x, y, x1, y1, x2, y2)
-                blocked |= (reflector == index) & meets
+    mirrors = gather_plane_mirrors(scene, reflector, sensor)
+    if mirrors is None:
+        return blocked
+    x, y, z = (np.broadcast_to(part[:, None], reflector.shape) for part in target)
+    image_x, image_y, _ = mirrors.images((x, y, z))
+    near, far = np.abs(mirrors.sensor_side_m), np.abs(mirrors.side_m(*target))
+    with ignoring_invalid():
+        share = near / (near + far)
+    hit_x, hit_y = sensor[0] + share * (image_x - sensor[0]), sensor[1] + share * (image_y - sensor[1])
+    for index, wall in enumerate(scene.reflectors):
+        if isinstance(wall, SegmentReflector):
+            ends = [np.asarray(part) for part in (*wall.start, *wall.end)]
+            meets = crosses_segment(sensor[0], sensor[1], hit_x, hit_y, *ends)
+            meets |= crosses_segment(hit_x, hit_y, x, y, *ends)
+            blocked |= np.isfinite(share) & (reflector != index) & meets
     return blocked
 
 
 def _targets(
     options: SceneOptions, positions: FloatArray, generator: np.random.Generator, snapshots: int
 ) -> FloatArray:
-    """Return targets (B, 2): the fixed one, or uniform over the region."""
+    """Return targets (B, D): the fixed one, or uniform over the region; positions of the sensors are (K, D)."""
+    height = [options.target_z_m or 0.0][: positions.shape[1] - 2]
     if options.target is not None:
-        return np.broadcast_to(np.array(options.target), (snapshots, 2)).copy()
+        target = [*options.target, *height][: positions.shape[1]]
+        return np.broadcast_to(np.array(target), (snapshots, len(target))).copy()
     origin = np.zeros(1)
-    region = search_region(
-        parse_field(options.region), (positions[None, :, 0], positions[None, :, 1]), (origin, origin)
-    )
+    field = parse_field(options.region)
+    region = search_region(field, (positions[None, :, 0], positions[None, :, 1]), (origin, origin))
     (xmin, ymin), (xmax, ymax) = ([float(part[0]) for part in bound] for bound in region.bounds_m)
-    targets = np.empty((snapshots, 2))
+    targets = np.empty((snapshots, positions.shape[1]))
+    targets[:, 2:] = height
     pending = np.arange(snapshots)
     for _ in range(_DRAWS):
         x, y = generator.uniform(xmin, xmax, pending.size), generator.uniform(ymin, ymax, pending.size)
-        targets[pending] = np.stack([x, y], axis=1)
+        targets[pending, :2] = np.stack([x, y], axis=1)
         inside = region.take(np.zeros(pending.size, dtype=np.int64)).contains(x, y)
         pending = pending[~inside]
         if not pending.size:
-            return targets
-    raise UsageError(f"The 'region' parameter is too thin to sample targets in it. Got {options.region!r} instead.")
+            break
+    else:
+        raise UsageError(f"The 'region' parameter is too thin to sample targets in it. Got {options.region!r} instead.")
+    if isinstance(field, BoxField) and field.zmin_m is not None and field.zmax_m is not None:
+        targets[:, 2] = generator.uniform(field.zmin_m, field.zmax_m, snapshots)
+    return targets

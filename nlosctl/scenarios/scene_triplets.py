@@ -1,8 +1,9 @@
-"""Triplets in the user's own scene: its sensors as transmitters and receivers, and its mirrors, walls and circles."""
+"""Triplets in the user's own scene: its sensors as transmitters and receivers, and its reflectors."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -10,7 +11,6 @@ from nlosctl.arrays import IntArray
 from nlosctl.contract.options import option
 from nlosctl.contract.scene import Scene
 from nlosctl.errors import UsageError, did_you_mean
-from nlosctl.models.ranges.predictions import predict_ranges
 from nlosctl.scenarios.scene_paths import SceneOptions, scenario_in_scene, scene_paths
 from nlosctl.scenarios.spec import Columns
 from nlosctl.scenarios.triplet_rows import triplet_columns
@@ -22,6 +22,8 @@ __all__ = ["SCENARIO", "SceneTripletsOptions", "generate"]
 class SceneTripletsOptions(SceneOptions):
     """Parameters of ``triplets``."""
 
+    OF_SPACE: ClassVar[tuple[str, ...]] = (*SceneOptions.OF_SPACE, "elevation_std_deg")
+
     transmitters: tuple[str, ...] = option(
         (), meaning="names of the sensors that transmit; default: the first of the scene"
     )
@@ -30,6 +32,15 @@ class SceneTripletsOptions(SceneOptions):
     )
     angle_std_deg: float = option(
         1.0, unit="deg", minimum=0.0, maximum=180.0, exclusive=True, meaning="standard deviation of both angles"
+    )
+    elevation_std_deg: float | None = option(
+        None,
+        unit="deg",
+        minimum=0.0,
+        maximum=90.0,
+        exclusive=True,
+        meaning="standard deviation of both elevations, if the sensors of the scene have heights; default: that of "
+        "angles",
     )
     path_length_std_m: float = option(
         0.1, unit="m", minimum=0.0, exclusive=True, meaning="standard deviation of the path length"
@@ -42,13 +53,7 @@ def generate(options: SceneTripletsOptions, generator: np.random.Generator, snap
     A path goes from a transmitter to the target, and from there to a receiver, each leg direct or by one reflector. It
     is direct if both legs are. ``path`` numbers the paths of a snapshot.
     """
-    if scene.has_heights:
-        raise UsageError("triplets are in one plane; leave the heights of the scene's sensors out")
     legs = scene_paths(replace(options, direct=True, detection_probability=1.0), scene, generator, snapshots)
-    shape = legs.exists.shape
-    target = np.broadcast_to(legs.target_xy_m[:, None], (*shape, 2))
-    by = np.broadcast_to(legs.reflector, shape)
-    length = predict_ranges(legs.sensor_xy_m, np.zeros(shape), target, by, scene)
     first, second = _leg_pairs(options, scene, legs.sensor)
     indirect = (legs.reflector[first] >= 0) | (legs.reflector[second] >= 0)
     wanted = indirect | options.direct
@@ -59,20 +64,26 @@ def generate(options: SceneTripletsOptions, generator: np.random.Generator, snap
     counts = np.bincount(snapshot, minlength=snapshots)
     rows = snapshot.shape[0]
     angle_std = np.full(rows, np.radians(options.angle_std_deg))
+    triplet = [
+        legs.bearing_rad[snapshot, out],
+        legs.bearing_rad[snapshot, back],
+        legs.length_m[snapshot, out] + legs.length_m[snapshot, back],
+    ]
+    stds = [angle_std, angle_std, np.full(rows, options.path_length_std_m)]
+    if legs.elevation_rad is not None:
+        degrees = options.angle_std_deg if options.elevation_std_deg is None else options.elevation_std_deg
+        triplet += [legs.elevation_rad[snapshot, out], legs.elevation_rad[snapshot, back]]
+        stds += [np.full(rows, np.radians(degrees))] * 2
     return triplet_columns(
         generator=generator,
         snapshot=snapshot.astype(np.int64),
         path=np.arange(rows) - np.repeat(np.cumsum(counts) - counts, counts),
-        tx_xy_m=legs.sensor_xy_m[snapshot, out],
-        rx_xy_m=legs.sensor_xy_m[snapshot, back],
-        triplet=(
-            legs.bearing_rad[snapshot, out],
-            legs.bearing_rad[snapshot, back],
-            length[snapshot, out] + length[snapshot, back],
-        ),
-        stds=(angle_std, angle_std, np.full(rows, options.path_length_std_m)),
+        tx_m=legs.sensor_m[snapshot, out],
+        rx_m=legs.sensor_m[snapshot, back],
+        triplet=tuple(triplet),
+        stds=tuple(stds),
         truth_ip=indirect[pair],
-        target_xy_m=legs.target_xy_m[snapshot],
+        target_m=legs.target_m[snapshot],
     )
 
 

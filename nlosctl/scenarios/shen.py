@@ -82,12 +82,12 @@ def generate(options: ShenOptions, generator: np.random.Generator, snapshots: in
         generator=generator,
         snapshot=np.arange(snapshots, dtype=np.int64),
         path=np.zeros(snapshots, dtype=np.int64),
-        tx_xy_m=np.broadcast_to(_TX, (snapshots, 2)),
-        rx_xy_m=np.broadcast_to(_RX, (snapshots, 2)),
+        tx_m=np.broadcast_to(_TX, (snapshots, 2)),
+        rx_m=np.broadcast_to(_RX, (snapshots, 2)),
         triplet=triplet,
         stds=stds,
         truth_ip=indirect,
-        target_xy_m=target,
+        target_m=target,
     )
     if not options.fold_angles:
         return columns

@@ -11,7 +11,14 @@ from nlosctl.geometry.angles import wrap_angle
 from nlosctl.models.space.paths import predict_directions
 from nlosctl.scenarios.spec import Columns
 
-__all__ = ["direction_columns", "in_table_order", "measured_heights", "sensor_coordinates", "spread_stds"]
+__all__ = [
+    "direction_columns",
+    "in_table_order",
+    "measured_heights",
+    "sensor_coordinates",
+    "spread_stds",
+    "within_zenith",
+]
 
 
 def sensor_coordinates(scene: Scene) -> FloatArray:
@@ -22,6 +29,13 @@ def sensor_coordinates(scene: Scene) -> FloatArray:
 def spread_stds(generator: np.random.Generator, std: float, shape: tuple[int, int]) -> FloatArray:
     """Return standard deviations from half to twice ``std``."""
     return std * generator.uniform(0.5, 2.0, shape)
+
+
+def within_zenith(azimuth_rad: FloatArray, elevation_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return directions whose elevations are within +-90 degrees: one beyond is that of the opposite azimuth."""
+    beyond = np.abs(elevation_rad) > 0.5 * np.pi
+    turned = np.copysign(np.pi, elevation_rad) - elevation_rad
+    return np.where(beyond, azimuth_rad + np.pi, azimuth_rad), np.where(beyond, turned, elevation_rad)
 
 
 def direction_columns(
@@ -49,10 +63,7 @@ def direction_columns(
     azimuth, elevation = predict_directions(tuple(sensor[..., axis] for axis in range(3)), source, reflector, scene)
     noise = generator.standard_normal((2, *shape))
     azimuth, elevation = azimuth + noise[0] * stds_rad[0], elevation + noise[1] * stds_rad[1]
-    # An elevation beyond the zenith is that of the opposite azimuth.
-    beyond = np.abs(elevation) > 0.5 * np.pi
-    azimuth = np.where(beyond, azimuth + np.pi, azimuth)
-    elevation = np.where(beyond, np.copysign(np.pi, elevation) - elevation, elevation)
+    azimuth, elevation = within_zenith(azimuth, elevation)
     right = generator.random(shape) >= wrong
     azimuth = np.where(right, azimuth, generator.uniform(-np.pi, np.pi, shape))
     elevation = np.where(right, elevation, generator.uniform(-0.5 * np.pi, 0.5 * np.pi, shape))

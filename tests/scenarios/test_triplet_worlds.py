@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scenario_draws import draw_columns
 
+import nlosctl
+from nlosctl.errors import UsageError
 from nlosctl.models.triplets import predict_triplets
 
 WORLDS = [
@@ -86,3 +88,49 @@ def test_rooms_number_their_paths():
         path = columns["path"][columns["snapshot"] == snapshot]
         assert path.tolist() == list(range(path.shape[0]))
     assert np.mean(~columns["truth_ip"]) < 0.2
+
+
+def test_a_room_in_space_has_the_paths_of_its_images():
+    """In space every path is that of two of seven images, with the elevations at both nodes; 49 pairs exist."""
+    columns = draw_columns("room", 40, seed=5, dimensions=3, receivers=1, paths=49, blocked_fraction=0.0,
+                           angle_std_deg=1e-9, path_length_std_m=1e-12)  # fmt: skip
+    tx, rx, target = (
+        np.stack([columns[f"{node}_{axis}_m"] for axis in "xyz"], axis=1) for node in ("tx", "rx", "truth")
+    )
+    for nodes in (tx, rx, target):
+        assert (np.abs(nodes[:, :2]) < [5.0, 4.0]).all()
+        assert ((nodes[:, 2] > 0.0) & (nodes[:, 2] < 3.0)).all()
+    images = np.repeat(target[:, None], 7, axis=1)
+    for number, (axis, wall) in enumerate(((0, -5.0), (0, 5.0), (1, -4.0), (1, 4.0), (2, 0.0), (2, 3.0)), 1):
+        images[:, number, axis] = 2.0 * wall - target[:, axis]
+    rays = {}
+    for name, node in (("dod", tx), ("doa", rx)):
+        z, e = columns[f"{name}_rad"], columns[f"{name}_elevation_rad"]
+        measured = np.stack([np.cos(e) * np.cos(z), np.cos(e) * np.sin(z), np.sin(e)], axis=1)
+        ways = images - node[:, None]
+        lengths = np.linalg.norm(ways, axis=2)
+        off = np.linalg.norm(ways / lengths[..., None] - measured[:, None], axis=2)
+        rays[name] = off, lengths
+    excess = rays["dod"][1][:, :, None] + rays["doa"][1][:, None] - columns["path_length_m"][:, None, None]
+    misfit = rays["dod"][0][:, :, None] + rays["doa"][0][:, None] + np.abs(excess)
+    best = misfit.reshape(-1, 49).argmin(axis=1)
+    assert misfit.min(axis=(1, 2)).max() < 1e-6
+    assert ((best == 0) == ~columns["truth_ip"]).all()
+    assert (np.sort(best.reshape(40, 49), axis=1) == np.arange(49)).all()
+
+
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_false_alarms_of_a_room_are_as_many_as_stated(dimensions):
+    """Of direct paths the share with a p-value below .01, .05 and .1 is that number, within four standard errors."""
+    table = nlosctl.simulate(
+        "room", trials=1500, seed=6, dimensions=dimensions, receivers=1, paths=1, blocked_fraction=0.0
+    )
+    p_value = np.array(nlosctl.detect_ip(table).flags["p_value"].to_pylist())
+    for level in (0.01, 0.05, 0.1):
+        assert (p_value < level).mean() == pytest.approx(level, abs=4.0 * np.sqrt(level * (1.0 - level) / 1500))
+
+
+def test_a_plan_of_a_room_has_25_paths():
+    """More than the 25 pairs of legs in a plan are refused."""
+    with pytest.raises(UsageError, match="at most 25 with dimensions=2"):
+        draw_columns("room", 1, seed=1, paths=26)

@@ -41,8 +41,8 @@ def simulate(
 ) -> None:
     """Simulate measurements of a scenario, with ground truth. The same seed gives the same file.
 
-    With --scene FILE the sensors and reflectors are your own: the scenario is 'bearings' (default), 'ranges'
-    or 'triplets'.
+    With --scene FILE the sensors and reflectors are your own: the scenario is 'bearings' (default), 'ranges',
+    'triplets' or 'arrivals', in space where the sensors have heights.
     """
     if scenario is None and read.scene is not None:
         scenario = "bearings"
@@ -52,7 +52,7 @@ def simulate(
         _list(json)
         return
     if show:
-        _show(scenario, json)
+        _show(scenario, json, in_scene=read.scene is not None)
         return
     from nlosctl.jobs.simulate import simulate
 
@@ -78,11 +78,14 @@ def _list(json: bool) -> None:
         print_table(rows, ["scenario", "kind", "summary", "reference"])
 
 
-def _show(scenario: str, json: bool) -> None:
+def _show(scenario: str, json: bool, *, in_scene: bool) -> None:
     from nlosctl.contract.options import describe_options
+    from nlosctl.contract.scene import Scene
     from nlosctl.scenarios.catalogue import find_scenario
 
     spec = find_scenario(scenario)
+    if in_scene and spec.of_scene is not None:
+        spec = spec.of_scene(Scene())
     parameters = describe_options(spec.options)
     if json:
         print_json({"scenario": spec.name, "kind": spec.kind, "summary": spec.summary, "parameters": parameters})

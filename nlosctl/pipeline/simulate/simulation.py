@@ -114,6 +114,7 @@ def _in_scene(spec: ScenarioSpec, scene: Scene | None) -> ScenarioSpec:
         return spec
     if spec.of_scene is None:
         raise UsageError(
-            f"scenario {spec.name!r} has a scene of its own; `scene` is for the scenarios bearings, ranges and triplets"
+            f"scenario {spec.name!r} has a scene of its own; `scene` is for the scenarios arrivals, bearings, ranges "
+            "and triplets"
         )
     return spec.of_scene(scene)

@@ -89,12 +89,12 @@ def _measured(
         generator=generator,
         snapshot=np.arange(size, dtype=np.int64),
         path=np.zeros(size, dtype=np.int64),
-        tx_xy_m=np.tile(np.array(scene.tx_m), (size, 1)),
-        rx_xy_m=np.tile(np.array(scene.rx_m), (size, 1)),
+        tx_m=np.tile(np.array(scene.tx_m), (size, 1)),
+        rx_m=np.tile(np.array(scene.rx_m), (size, 1)),
         triplet=(dod, doa, length),
         stds=(dod_std, doa_std, length_std),
         truth_ip=np.full(size, indirect),
-        target_xy_m=target,
+        target_m=target,
     )
     table = measurement_table("triplets", columns)
     return Simulated(kind="triplets", columns=columns, table=table, scene=Scene(), truth_m=target)
