@@ -103,6 +103,11 @@ class SpherePath:
         return scaled(self.direction, self.flat.length_m)
 
     @property
+    def last_leg(self) -> Vector:
+        """The vectors in the direction from the reflection points to the sources, as long as the whole paths."""
+        return scaled(self.plane.direction(self.flat.cosine, self.flat.sine), self.flat.length_m)
+
+    @property
     def across_width_m(self) -> FloatArray:
         """Width of the ray tube per radian across the plane: l1 + l2 - 2 l1 l2 cos(i) / R (sagittal).
 

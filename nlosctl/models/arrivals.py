@@ -19,7 +19,7 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, i
 from nlosctl.contract.batches import ArrivalBatch
 from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.ranges.measured_height import MeasuredHeight
+from nlosctl.models.measured_height import MeasuredHeight
 
 __all__ = ["ArrivalRows", "Compared", "arrival_rows"]
 

@@ -92,22 +92,15 @@ class CirclePaths(SelectedRows):
         """Return points that are moved, where they are not inside a row's circle, as `move_inside` does."""
         return move_inside(self, self.radius, *point)
 
-    def of_measurement(self, k: int) -> Self:
-        """Return the rows of measurement ``k``: views, as rows are ordered by measurement."""
-        mine = slice(*np.searchsorted(self.measurement, (k, k + 1)))
-        return replace(self, **{name: array[mine] for name, array in vars(self).items() if name != "shape"})
-
     def alone(self, rows: IntArray) -> Self:
         """Return some rows (n,), each in a snapshot of its own."""
-        arrays = {name: array[rows] for name, array in vars(self).items() if name != "shape"}
-        return replace(self, **{**arrays, "shape": (rows.shape[0], 1), "snapshot": np.arange(rows.shape[0])})
+        return replace(self.picked(rows), shape=(rows.shape[0], 1), snapshot=np.arange(rows.shape[0]))
 
     def lengths_from(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the lengths (N, P) of the paths of the rows from points (B, P), as those of `paths_from`."""
         size, points = self.snapshot.shape[0], x.shape[1]
-        arrays = {name: np.repeat(array, points) for name, array in vars(self).items() if name != "shape"}
-        arrays["snapshot"] = np.arange(size * points)
-        wide = replace(self, **arrays)  # type: ignore[arg-type]
+        each = self.picked(np.repeat(np.arange(size), points))
+        wide = replace(each, snapshot=np.arange(size * points))
         path = wide.paths_from(x[self.snapshot].ravel(), y[self.snapshot].ravel())
         return path.length_m.reshape(size, points)
 

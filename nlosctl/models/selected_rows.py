@@ -48,10 +48,27 @@ class SelectedRows:
         self.place_in(number, np.arange(self.snapshot.shape[0]))
         taken = gather_rows(number, rows).T
         measurement, snapshot = np.nonzero(taken >= 0)
-        chosen = taken[measurement, snapshot]
-        arrays = {name: rows_of(value, chosen) for name, value in vars(self).items() if name != "shape"}
-        shape = (rows.shape[0], self.shape[1])
-        return replace(self, **{**arrays, "shape": shape, "snapshot": snapshot, "measurement": measurement})
+        part = self.picked(taken[measurement, snapshot])
+        return replace(part, shape=(rows.shape[0], self.shape[1]), snapshot=snapshot, measurement=measurement)
+
+    def picked(self, rows: IntArray) -> Self:
+        """Return some of the N rows, in any order and with repetitions, with their indices in the block."""
+        arrays: dict[str, Any] = {name: rows_of(value, rows) for name, value in vars(self).items() if name != "shape"}
+        return replace(self, **arrays)
+
+    def of_measurement(self, k: int) -> Self:
+        """Return the rows of measurement ``k``."""
+        return self.picked(self.span(k))
+
+    def span(self, k: int) -> IntArray:
+        """Return which of the N rows are of measurement ``k``: rows are ordered by measurement."""
+        return np.arange(*np.searchsorted(self.measurement, (k, k + 1)))
+
+    def one_of_each(self, chosen: IntArray) -> Self:
+        """Return the rows of a block (B, 1) that consists of the measurement ``chosen`` (B,) of each snapshot."""
+        rows = np.flatnonzero(self.measurement == chosen[self.snapshot])
+        part = self.picked(rows[np.argsort(self.snapshot[rows], kind="stable")])
+        return replace(part, shape=(self.shape[0], 1), measurement=np.zeros(rows.shape, dtype=np.int64))
 
     @property
     def sensor(self) -> tuple[FloatArray, ...]:

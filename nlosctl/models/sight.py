@@ -10,6 +10,7 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.errors import UsageError
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.measured_height import GroundHeight
 
 __all__ = ["Crossing", "RayResiduals", "Sight", "bearing_lines", "linear_lines"]
 
@@ -34,7 +35,7 @@ def linear_lines(batch: BearingBatch) -> Sight:
     lines = bearing_lines(batch)
     if getattr(lines, "has_azimuth_alone", False):
         raise UsageError("a row by a sphere without an elevation has no plane for a linear fit; use the method ml")
-    if getattr(lines, "above_sphere", None) is not None:
+    if isinstance(getattr(lines, "height", None), GroundHeight):
         raise UsageError("a height above a sphere has no plane for a linear fit; use the method ml")
     return lines
 

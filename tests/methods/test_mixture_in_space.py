@@ -12,9 +12,8 @@ from space_worlds import Array, angles_of, dense_covariance, ring_world, space_b
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.fields import BoxField, CircleField
 from nlosctl.contract.results import Solution
-from nlosctl.contract.scene import PlaneReflector, Scene, SphereReflector
+from nlosctl.contract.scene import PlaneReflector, Scene
 from nlosctl.contract.statuses import Status
-from nlosctl.errors import UsageError
 from nlosctl.methods import bearings_mixture_ml
 from nlosctl.methods.bearings_mixture_ml import MixtureOptions
 from nlosctl.solvers.mixture.outlier_model import OutlierModel, grouped_batch, outlier_model
@@ -288,15 +287,6 @@ def test_mirrors_and_ranges_join_the_likelihood() -> None:
         error = np.linalg.norm(position - source, axis=1)
         assert np.mean(status == Status.OK) > 0.9, kind
         assert np.nanmedian(error) < 6.0, kind
-
-
-def test_rows_by_spheres_are_refused() -> None:
-    """A scene with a sphere is a usage error that names the method that solves it."""
-    batch, _ = ring_world(np.random.default_rng(2), 2, 0.5)
-    sphere = SphereReflector(name="layer", center=(0.0, 0.0, 0.0), radius=5000.0)
-    batch = replace(batch, scene=Scene(reflectors=(sphere,)), reflector=np.zeros_like(batch.reflector))
-    with pytest.raises(UsageError, match="method ml"):
-        bearings_mixture_ml.solve(batch, MixtureOptions())
 
 
 def test_flags_of_directions() -> None:

@@ -123,7 +123,7 @@ def test_planes_of_exact_angles_meet_at_the_source():
         normals, point = lines.normals(), about_center(lines, source)
         reach = sum(normal * part[:, None] for normal, part in zip(normals, point, strict=True))
         if lines.is_held:
-            reach = reach - lines.height_m[:, None] * normals[2]
+            reach = reach - lines.held_m[:, None] * normals[2]
         np.testing.assert_allclose(reach, lines.offsets(normals), atol=1e-9)
 
 

@@ -45,7 +45,8 @@ def rows_of(scene: Scene, sensor: FloatArray, source: FloatArray, by: int = 0):
     everywhere = tuple(np.broadcast_to(part[:, None], reflector.shape) for part in about(source))
     azimuth, elevation = predict_directions(about(sensor), everywhere, reflector, scene)
     ray, along, _ = direction_frame(azimuth, elevation)
-    return locate_sphere_rows(scene, reflector, about(sensor), ray, along, np.cos(elevation), azimuth)
+    level = direction_frame(azimuth, np.zeros_like(azimuth))[0]
+    return locate_sphere_rows(scene, reflector, about(sensor), ray, level, along, np.cos(elevation))
 
 
 def test_the_path_of_a_noise_free_row_is_its_ray() -> None:
@@ -107,10 +108,11 @@ def test_without_a_blocker_the_path_seen_nearest_is_taken() -> None:
         ray = tuple(part[there][:, None] for part in wanted)
         scene = Scene(reflectors=(OPEN,))
         here = about(sensor[:, there])
-        azimuth, share = np.arctan2(ray[1], ray[0]), np.hypot(ray[0], ray[1])
-        along = (-ray[1] / share, ray[0] / share, 0.0 * share)
+        share = np.hypot(ray[0], ray[1])
+        level = (ray[0] / share, ray[1] / share, 0.0 * share)
+        along = (-level[1], level[0], level[2])
         by = np.zeros(share.shape, dtype=np.int64)
-        rows = locate_sphere_rows(scene, by, here, ray, along, share, azimuth)
+        rows = locate_sphere_rows(scene, by, here, ray, level, along, share)
         path = rows.paths_from(*about(source[:, there]))
         assert np.linalg.norm(np.stack(path.direction) - wanted[:, there], axis=0).max() < 1e-9
         assert not rows.outside(path, *about(source[:, there])).any()

@@ -22,9 +22,9 @@ from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
 from nlosctl.geometry.lines import reflect_points, side_of_line
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.circle_rows import CirclePaths, locate_circle_paths
+from nlosctl.models.measured_height import MeasuredHeight
 from nlosctl.models.mirror_rows import MirrorRows, gather_mirrors
 from nlosctl.models.obstacles import DirectRows, WallRows, locate_direct_rows, locate_walls, unseen_rows
-from nlosctl.models.ranges.measured_height import MeasuredHeight
 from nlosctl.models.ranges.paths import FAR_OFF, BentPaths, RangePath
 
 __all__ = ["RangeCircles", "range_circles", "unfold_in_lines"]

@@ -17,10 +17,10 @@ from nlosctl.contract.scene import Scene, SphereReflector
 from nlosctl.errors import UsageError
 from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.measured_height import MeasuredHeight
 from nlosctl.models.mirror_rows import MirrorRows
 from nlosctl.models.obstacles import WallRows, locate_walls
 from nlosctl.models.ranges.circles import RangeCircles, range_circles
-from nlosctl.models.ranges.measured_height import MeasuredHeight
 from nlosctl.models.ranges.paths import FAR_OFF, RangePath
 from nlosctl.models.space.plane_mirrors import PlaneMirrors, gather_plane_mirrors
 

@@ -6,7 +6,7 @@ there to the source into what the sensor sees, v = H (x - p) + p - s, equation (
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -16,27 +16,27 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.geometry.blocks import side_by_side
-from nlosctl.geometry.directions import length
+from nlosctl.geometry.directions import length, scaled
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.measured_height import TargetHeight
 from nlosctl.models.obstacles import WallRows
 from nlosctl.models.sight import Crossing, RayResiduals
 from nlosctl.models.space.measured_angles import MeasuredAngles, Vector
 from nlosctl.models.space.measured_ranges import compare_range
-from nlosctl.models.space.open_sky import OpenSky
 from nlosctl.models.space.plane_mirrors import PlaneMirrors
+from nlosctl.models.space.scalar_rows import ScalarRows
 from nlosctl.models.space.sensor_axes import SensorAxes
-from nlosctl.models.space.sphere_height import SphereHeight
 
 __all__ = ["SpaceLines"]
 
 
 @dataclass(frozen=True)
-class SpaceLines(OpenSky):
+class SpaceLines(ScalarRows):
     """Rays (B, K) in space about a local origin (B,), and a measured height of the source; see `Sight`.
 
     The scalars are K azimuths, K elevations, K ranges if ``measured_m`` (B, K) has any (NaN in rows without one; their
-    std is that of the logarithm with ``is_lognormal``) and, unless it is exactly known (``is_held``), the height
-    ``height_m`` (B,), or that ``above_sphere``. ``axes`` are None where all are the frame's. Metres and radians.
+    std is that of the logarithm with ``is_lognormal``) and the ``height`` where it is measured; ``held_m`` (B,) is one
+    that is exactly known. ``axes`` are None where all are the frame's. Metres and radians.
     """
 
     center: Vector
@@ -48,9 +48,13 @@ class SpaceLines(OpenSky):
     walls: WallRows | None = None
     measured_m: FloatArray | None = None
     is_lognormal: bool = False
-    height_m: FloatArray | None = None
-    is_held: bool = False
-    above_sphere: SphereHeight | None = None
+    height: TargetHeight | None = None
+    held_m: FloatArray | None = None
+
+    @property
+    def is_held(self) -> bool:
+        """Whether the height is exactly known."""
+        return self.held_m is not None
 
     @property
     def unknowns(self) -> int:
@@ -103,9 +107,8 @@ class SpaceLines(OpenSky):
         across, above = (self._from_sensor(tangent) for tangent in self.angles.tangents())
         none = np.zeros((self.std.shape[0], self.std.shape[1] - 2 * self.rows))
         x, y, z = (side_by_side(*pair, none) for pair in zip(across, above, strict=True))
-        z[:, self.of_rows :] = 1.0
-        if self.above_sphere is not None:
-            for part, up in zip((x, y, z), self.above_sphere.up(), strict=True):
+        if self.height is not None:
+            for part, up in zip((x, y, z), self.height.plane(*np.zeros((3, self.std.shape[0])))[0], strict=True):
                 part[:, self.of_rows] = up
         return x, y, z
 
@@ -113,15 +116,14 @@ class SpaceLines(OpenSky):
         """Return the offsets (B, M) of the planes along normals, less the part of a height that is exactly known."""
         count = 2 * self.rows
         x, y, z = self.origin
-        if self.is_held and self.height_m is not None:
-            z = z - self.height_m[:, None]
+        if self.held_m is not None:
+            z = z - self.held_m[:, None]
         a, b, c = normals
         parts = [a[:, of] * x + b[:, of] * y + c[:, of] * z for of in (slice(self.rows), slice(self.rows, count))]
-        level = 0.0 if self.height_m is None else self.height_m[:, None]
-        if self.above_sphere is not None:
-            size = length((a[:, count:], b[:, count:], c[:, count:]))
-            return side_by_side(*parts, size * self.above_sphere.offset_m()[:, None])
-        return side_by_side(*parts, c[:, count:] * level)
+        size = length((a[:, count:], b[:, count:], c[:, count:]))
+        if self.height is not None:
+            size *= self.height.plane(*np.zeros((3, self.std.shape[0])))[1][:, None]
+        return side_by_side(*parts, size)
 
     def tube_width_m(self, *point: FloatArray) -> FloatArray:
         """Return by how many metres (B, M) each plane moves per unit of its scalar at points; 1 of a height."""
@@ -147,28 +149,39 @@ class SpaceLines(OpenSky):
             yield from paths
             return
         whole = self.whole(point)
-        for k in range(self.rows):
-            compared = self.compared(whole, k, extra_m2, paths)
+        every = [self.row_path(k, whole, paths) for k in range(self.rows)]
+        for k, path in enumerate(every):
+            compared = self.compared(k, self.seen(k, whole, path), extra_m2, path)
             for index, (residual, slopes) in zip((k, self.rows + k), compared, strict=True):
                 inverse = 1.0 / self.std[:, index]
                 yield residual * inverse, tuple(slope * inverse for slope in slopes[: self.unknowns])
-        for k in range(0 if self.measured_m is None else self.rows):
-            residual, slopes, _ = self.range_terms(whole, k)
+        for k, path in enumerate([] if self.measured_m is None else every):
+            residual, slopes, _ = self.range_terms(k, whole, path)
             yield residual, slopes[: self.unknowns]
-        if self.above_sphere is not None:
-            residual, slopes = self.above_sphere.compare(whole)
-            inverse = 1.0 / self.std[:, -1]
-            yield residual * inverse, tuple(slope * inverse for slope in slopes)
-        elif self.height_m is not None and not self.is_held:
-            inverse = 1.0 / self.std[:, -1]
-            yield (self.height_m - whole[2]) * inverse, (0.0 * inverse, 0.0 * inverse, -inverse)
+        if self.height is not None:
+            yield -self.height.scaled_residual(*whole), scaled(self.height.scaled_slopes(*whole), -1.0)
+
+    def row_path(self, k: int, whole: Vector, paths: Any = None) -> Any:
+        """Return what `seen` and `compared` of row ``k`` and points (B, ...) share, from `paths_from` if given."""
+        return None
+
+    def seen(self, k: int, whole: Vector, path: Any) -> Vector:
+        """Return the vectors (B, ...) from the sensor of row ``k`` to points (B, ...) as it sees them."""
+        wide = (slice(None), k, *([None] * (whole[0].ndim - 1)))
+        x, y, z = (part - origin[wide] for part, origin in zip(whole, self.origin, strict=True))
+        return (x, y, z) if self.axes is None else self.axes.seen((x, y, z), wide)
 
     def compared(
-        self, whole: Vector, k: int, extra_m2: FloatArray | None, paths: Any
+        self, k: int, seen: Vector, extra_m2: FloatArray | None, path: Any
     ) -> Iterator[tuple[FloatArray, Vector]]:
-        """Yield residual (B,) and derivatives of azimuth and elevation of row ``k``."""
-        for residual, slopes in self.angles.compare(k, self._seen(whole, k), extra_m2):
+        """Yield residual (B,) and derivatives of azimuth and elevation of row ``k`` at points (B,)."""
+        for residual, slopes in self.angles.compare(k, seen, extra_m2):
             yield residual, self._from_sensor(slopes, k)
+
+    def row_bending(self, k: int, seen: Vector, azimuth: FloatArray, rise: FloatArray) -> SymmetricMatrix:
+        """Return the sum (B,) of the second derivatives of both residuals of row ``k``, times ``azimuth``, ``rise``."""
+        bend = self.angles.bending(k, seen, azimuth, rise)
+        return bend if self.axes is None else self.axes.unfolded_matrix(bend, k)
 
     def bending(self, *at: Any) -> SymmetricMatrix:
         """Return the sum (B,) of residuals times their second derivatives; as `LinearizedRows.bending`."""
@@ -176,44 +189,23 @@ class SpaceLines(OpenSky):
         whole = self.whole(tuple(point))
         total = SymmetricMatrix.full(whole[2].shape, 0.0, 3)
         for k in range(self.rows):
-            scaled = (residuals[2 * k] / self.std[:, k], residuals[2 * k + 1] / self.std[:, self.rows + k])
-            bend = self.angles.bending(k, self._seen(whole, k), *scaled)
-            total += bend if self.axes is None else self.axes.unfolded_matrix(bend, k)
+            weighed = (residuals[2 * k] / self.std[:, k], residuals[2 * k + 1] / self.std[:, self.rows + k])
+            total += self.row_bending(k, self.seen(k, whole, None), *weighed)
             if self.measured_m is not None:
-                residual, _, bend = self.range_terms(whole, k)
+                residual, _, bend = self.range_terms(k, whole, None)
                 total.add_scaled(bend, residual)
         return SymmetricMatrix(*total.parts[: (3 if self.is_held else 6)])
 
-    def range_terms(self, whole: Vector, k: int) -> tuple[FloatArray, Vector, SymmetricMatrix]:
+    def range_terms(self, k: int, whole: Vector, path: Any) -> tuple[FloatArray, Vector, SymmetricMatrix]:
         """Return residual over std, derivatives and second derivatives of the range of a row; 0 without one."""
         assert self.measured_m is not None  # noqa: S101 - asked for where there are ranges
+        std, measured = self.std[:, 2 * self.rows + k], self.measured_m[:, k]
+        return compare_range(self.last_leg(k, whole, path), measured, std, is_lognormal=self.is_lognormal)
+
+    def last_leg(self, k: int, whole: Vector, path: Any) -> Vector:
+        """Return vectors (B,) in the direction in which paths of row ``k`` arrive at points, as long as the paths."""
         x, y, z = (part - origin[:, k] for part, origin in zip(whole, self.origin, strict=True))
-        std = self.std[:, 2 * self.rows + k]
-        return compare_range((x, y, z), self.measured_m[:, k], std, is_lognormal=self.is_lognormal)
-
-    def residual(self, *point: FloatArray, paths: Any = None) -> FloatArray:
-        """Return measured minus predicted scalars (B, M); 0 in rows without an elevation."""
-        return self._gathered([residual for residual, _ in self.linearized(*point, paths=paths)]) * self.std
-
-    def slopes(
-        self, *point: FloatArray, paths: Any = None, extra_m2: FloatArray | None = None
-    ) -> tuple[FloatArray, ...]:
-        """Return the derivatives (B, M) of the residuals over their stds; with ``extra_m2`` as in `linearized`."""
-        every = [slopes for _, slopes in self.linearized(*point, extra_m2=extra_m2, paths=paths)]
-        return tuple(self._gathered(parts) for parts in zip(*every, strict=True))
-
-    def _gathered(self, parts: Sequence[FloatArray]) -> FloatArray:
-        """Return the scalars (B,) in the order of `linearized` as a block (B, M) in the order of `std`."""
-        angles = 2 * self.rows
-        return np.stack([*parts[:angles:2], *parts[1:angles:2], *parts[angles:]]).T
-
-    def information(self, *point: FloatArray, paths: Any = None, extra_m2: FloatArray | None = None) -> SymmetricMatrix:
-        """Return the Fisher information (B,) of points; ``extra_m2`` as in `linearized`."""
-        total = SymmetricMatrix.full(point[0].shape, 0.0, len(point))
-        with ignoring_overflow():
-            for _, slopes in self.linearized(*point, extra_m2=extra_m2, paths=paths):
-                total += SymmetricMatrix.outer(*slopes)
-        return total
+        return x, y, z
 
     def ray_residuals(self, *point: FloatArray, paths: Any = None) -> RayResiduals:
         """Return distances and chi-square of points, and where they are nearly above or below a row's sensor."""
@@ -267,6 +259,10 @@ class SpaceLines(OpenSky):
         x, y, z = (origin + reach_m * ray for origin, ray in rays)
         return x, y, z
 
+    def first_leg_m(self) -> FloatArray:
+        """Return how far (B, K) along unfolded rays the points begin from which rows may come: 0."""
+        return np.zeros(self.origin[0].shape)
+
     def unseen(self, *point: FloatArray, paths: Any = None) -> BoolArray:
         """Return to which rows (B, K) a point cannot be visible in the scene."""
         x, y, z = self.whole(point)
@@ -283,18 +279,22 @@ class SpaceLines(OpenSky):
 
     def whole(self, point: tuple[FloatArray, ...]) -> Vector:
         """Return points about the local origins with their height."""
-        if self.is_held and self.height_m is not None:
-            return point[0], point[1], self.height_m
+        if self.held_m is not None:
+            return (
+                point[0],
+                point[1],
+                np.broadcast_to(self.held_m.reshape(-1, *[1] * (point[0].ndim - 1)), point[0].shape),
+            )
         x, y, z = point
         return x, y, z
 
-    def _seen(self, point: Vector, k: int | None = None) -> Vector:
-        """Return the vectors (B, K) from the sensors to the points as the sensors see them; (B,) of row ``k``."""
-        at: Any = slice(None) if k is None else k
-        wide: Any = (slice(None), None) if k is None else slice(None)
-        x, y, z = (part[wide] - origin[:, at] for part, origin in zip(point, self.origin, strict=True))
-        return (x, y, z) if self.axes is None else self.axes.seen((x, y, z), at)
+    def _seen(self, point: Vector) -> Vector:
+        """Return the vectors (B, K) from the sensors to the points as the sensors see them."""
+        x, y, z = (part[:, None] - origin for part, origin in zip(point, self.origin, strict=True))
+        return (x, y, z) if self.axes is None else self.axes.seen((x, y, z), slice(None))
 
     def _from_sensor(self, vector: Vector, k: int | None = None) -> Vector:
         """Return vectors in the axes of the sensors as unfolded vectors in the frame."""
-        return vector if self.axes is None else self.axes.unfolded(vector, slice(None) if k is None else k)
+        return (
+            vector if self.axes is None else self.axes.unfolded(vector, (slice(None), slice(None) if k is None else k))
+        )

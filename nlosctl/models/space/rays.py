@@ -12,12 +12,12 @@ from nlosctl.contract.scene import SphereReflector
 from nlosctl.errors import UsageError
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.directions import dot
+from nlosctl.models.measured_height import GroundHeight, MeasuredHeight
 from nlosctl.models.obstacles import locate_walls
 from nlosctl.models.space.lines import SpaceLines
 from nlosctl.models.space.measured_angles import MeasuredAngles, Vector
 from nlosctl.models.space.plane_mirrors import PlaneMirrors, gather_plane_mirrors
 from nlosctl.models.space.sensor_axes import SensorAxes
-from nlosctl.models.space.sphere_height import SphereHeight
 from nlosctl.models.space.sphere_lines import SphereLines
 from nlosctl.models.space.sphere_rows import SphereRows, locate_opaque_spheres, locate_sphere_rows
 
@@ -60,18 +60,26 @@ def space_lines(batch: BearingBatch) -> SpaceLines:
 
 
 def _height(batch: BearingBatch, center: Vector) -> dict[str, Any]:
-    """Return the fields of `SpaceLines` of a measured height, above the x-y plane or the blocker of a sphere."""
-    if batch.target_z_m is None:
+    """Return the field of `SpaceLines` of a measured height, above the x-y plane or the blocker of a sphere."""
+    if batch.target_z_m is None or batch.target_z_std_m is None:
         return {}
-    if batch.target_above_ground is None or batch.sensor_frame is not None:
-        return {"height_m": batch.target_z_m - center[2], "is_held": batch.height_held}
+    if not _is_above_sphere(batch):
+        if batch.height_held:
+            return {"held_m": batch.target_z_m - center[2]}
+        return {"height": MeasuredHeight.of(batch.target_z_m, batch.target_z_std_m, center[2])}
+    inverse_std = 1.0 / np.maximum(batch.target_z_std_m, _LEAST_STD_M)
     for reflector in batch.scene.reflectors:
         if isinstance(reflector, SphereReflector) and reflector.blocker_radius is not None:
             x, y, z = (at - part for at, part in zip(reflector.center, center, strict=True))
-            return {"above_sphere": SphereHeight((x, y, z), reflector.blocker_radius + batch.target_z_m)}
+            return {"height": GroundHeight((x, y, z), reflector.blocker_radius + batch.target_z_m, inverse_std)}
     raise UsageError(
         "target_height_m is above the blocker of a sphere, or the ellipsoid, but there is neither; name it target_z_m"
     )
+
+
+def _is_above_sphere(batch: BearingBatch) -> bool:
+    """Return whether a measured height is above a sphere's blocker; that above the ellipsoid is z in local axes."""
+    return batch.target_above_ground is not None and batch.sensor_frame is None
 
 
 def _spheres(batch: BearingBatch, sensor: Vector, angles: MeasuredAngles) -> SphereRows | None:
@@ -79,13 +87,14 @@ def _spheres(batch: BearingBatch, sensor: Vector, angles: MeasuredAngles) -> Sph
     if not any(isinstance(reflector, SphereReflector) for reflector in batch.scene.reflectors):
         return None
     axes = _axes(batch, None)
-    ray, along_azimuth = angles.directions(), angles.tangents()[0]
+    level = angles.cos_azimuth, angles.sin_azimuth, np.zeros(angles.cos_azimuth.shape)
+    ray, aside = angles.directions(), angles.tangents()[0]
     if axes is not None:
-        ray, along_azimuth = (axes.unfolded(vector, slice(None)) for vector in (ray, along_azimuth))
+        ray, level, aside = (axes.unfolded(vector, slice(None)) for vector in (ray, level, aside))
     unknown = np.where(angles.has_elevation > 0.0, 0.0, np.nan)
     share = np.ones(unknown.shape) if angles.in_tangent_plane else angles.cos_elevation
     known = tuple(part + unknown for part in ray)
-    return locate_sphere_rows(batch.scene, batch.reflector, sensor, known, along_azimuth, share, batch.bearing_rad)
+    return locate_sphere_rows(batch.scene, batch.reflector, sensor, known, level, aside, share)
 
 
 def _with_tangents(mirrors: PlaneMirrors | None, spheres: SphereRows) -> PlaneMirrors:
@@ -109,9 +118,8 @@ def _stds(batch: BearingBatch, has_elevation: BoolArray) -> FloatArray:
     if elevation is None:
         elevation = np.ones(azimuth.shape)
     parts = [azimuth, np.where(has_elevation, elevation, 1.0)]
-    if batch.target_z_std_m is not None and (batch.target_above_ground is not None or not batch.height_held):
-        least = 0.0 if batch.target_above_ground is None else _LEAST_STD_M
-        parts.append(np.maximum(batch.target_z_std_m, least)[:, None])
+    if batch.target_z_std_m is not None and (_is_above_sphere(batch) or not batch.height_held):
+        parts.append(np.maximum(batch.target_z_std_m, _LEAST_STD_M if _is_above_sphere(batch) else 0.0)[:, None])
     return np.asfortranarray(np.concatenate(parts, axis=1))
 
 

@@ -19,18 +19,15 @@ class SensorAxes(RowBlock):
     rows: tuple[Vector, Vector, Vector]
 
     def seen(self, vector: Vector, at: Any) -> Vector:
-        """Return vectors in the frame, of the measurements ``at``, as the sensors see them."""
-        x, y, z = (
-            row[0][:, at] * vector[0] + row[1][:, at] * vector[1] + row[2][:, at] * vector[2] for row in self.rows
-        )
+        """Return vectors in the frame as the sensors see them; ``at`` indexes the rows (B, K) to the vectors' shape."""
+        x, y, z = (row[0][at] * vector[0] + row[1][at] * vector[1] + row[2][at] * vector[2] for row in self.rows)
         return x, y, z
 
     def unfolded(self, vector: Vector, at: Any) -> Vector:
         """Return vectors that sensors see as vectors in the frame: the inverse of `seen`."""
         one, two, three = self.rows
         x, y, z = (
-            one[axis][:, at] * vector[0] + two[axis][:, at] * vector[1] + three[axis][:, at] * vector[2]
-            for axis in range(3)
+            one[axis][at] * vector[0] + two[axis][at] * vector[1] + three[axis][at] * vector[2] for axis in range(3)
         )
         return x, y, z
 

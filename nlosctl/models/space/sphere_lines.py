@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray
-from nlosctl.geometry.blocks import rows_of
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.geometry.directions import scaled
 from nlosctl.geometry.planes import reflect_vector
 from nlosctl.geometry.spheres import SpherePath
@@ -23,6 +22,18 @@ from nlosctl.models.space.measured_angles import Vector
 from nlosctl.models.space.sphere_rows import OpaqueSphereRows, SphereRows
 
 __all__ = ["SphereLines"]
+
+
+class RowPath(NamedTuple):
+    """The paths (N,) by spheres of one row: its snapshots (n,), and of each of their points (N,) the path.
+
+    ``mirror`` is the normal of the tangent plane that unfolds the row, ``exists`` where the path leads to the point.
+    """
+
+    snapshot: IntArray
+    by_sphere: SpherePath
+    mirror: tuple[FloatArray, ...]
+    exists: BoolArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,22 +49,30 @@ class SphereLines(SpaceLines):
     refuses: bool = False
 
     def normals(self) -> Vector:
-        """Return the normals of `SpaceLines`, of rows by spheres in the two directions that a fit takes."""
+        """Return the normals of `SpaceLines`, of rows by spheres in the two directions that a fit takes.
+
+        An azimuth alone has that of the upright plane of its initial estimates.
+        """
         x, y, z = (part.copy() for part in super().normals())
         normals = (x, y, z)
-        for first, directions in zip((0, self.rows), self.spheres.tangents.directions(), strict=True):
+        spheres, has_plane = self.spheres, self.spheres.tangents.has_plane
+        first, second = spheres.tangents.directions()
+        upright = zip(first, spheres.upright(), strict=True)
+        first = tuple(np.where(has_plane, *pair) for pair in upright)
+        for begin, directions in zip((0, self.rows), (first, second), strict=True):
             for block, part in zip(normals, directions, strict=True):
-                self.spheres.place_in(block[:, first : first + self.rows], part)
+                spheres.place_in(block[:, begin : begin + self.rows], part)
         return normals
 
     def tube_width_m(self, *point: FloatArray) -> FloatArray:
         """Return by how many metres (B, M) each plane moves per unit of its scalar at points; 1 of a height."""
         widths = super().tube_width_m(*point)
         stds = self._sphere_stds()
-        spreads = self.spheres.tangents.spreads_m(self.spheres.pick_from(self.range_m(*point)), *stds)
+        spreads = self.spheres.tangents.spreads_m(self.spheres.pick_from(super().range_m(*point)), *stds)
         has_plane = self.spheres.tangents.has_plane
-        for first, spread, std in zip((0, self.rows), spreads, stds, strict=True):
-            self.spheres.place_in(widths[:, first : first + self.rows], np.where(has_plane, spread / std, 1.0))
+        instead = self.spheres.axis_distance_m(*self.whole(point)), np.ones(has_plane.shape)
+        for first, spread, std, other in zip((0, self.rows), spreads, stds, instead, strict=True):
+            self.spheres.place_in(widths[:, first : first + self.rows], np.where(has_plane, spread / std, other))
         return widths
 
     def stansfield_width_m(self, *point: FloatArray) -> FloatArray:
@@ -62,7 +81,7 @@ class SphereLines(SpaceLines):
 
     def based_at(self, *point: FloatArray) -> SphereLines:
         """Return the rays with planes of the rows by spheres turned so that their errors at points are independent."""
-        range_m = self.spheres.pick_from(self.range_m(*point))
+        range_m = self.spheres.pick_from(super().range_m(*point))
         tangents = self.spheres.tangents.based_at(range_m, *self._sphere_stds())
         return replace(self, spheres=replace(self.spheres, tangents=tangents))
 
@@ -74,34 +93,75 @@ class SphereLines(SpaceLines):
         """Return points, those that are not inside a row's sphere moved into it."""
         return self.spheres.moved_inside(*self.whole(point))[: self.unknowns]
 
+    def row_path(self, k: int, whole: Vector, paths: SpherePath | None = None) -> RowPath | None:
+        """Return the paths of row ``k`` by spheres from points (B, ...), taken from those of all rows if given."""
+        part = self.spheres.of_measurement(k)
+        snapshot = part.snapshot
+        if not snapshot.size:
+            return None
+        if paths is not None:
+            path = paths.take(self.spheres.span(k))
+        else:
+            points = whole[0].size // whole[0].shape[0]
+            part = part if points == 1 else part.picked(np.repeat(np.arange(snapshot.size), points))
+            about = (axis[snapshot].ravel() - middle for axis, middle in zip(whole, part.center, strict=True))
+            path = part.paths_to(*about)
+        exists = np.isfinite(path.flat.bearing_rad) & ((path.flat.tube_width_m > 0.0) | part.takes_any_path)
+        return RowPath(snapshot, path, part.tangents.normal, exists)
+
+    def seen(self, k: int, whole: Vector, path: RowPath | None) -> Vector:
+        """Return the vectors (B, ...) from the sensor of row ``k`` as it sees them, as long as their paths."""
+        if path is None:
+            return super().seen(k, whole, None)
+        wide = (slice(None), k, *([None] * (whole[0].ndim - 1)))
+        x, y, z = (part - origin[wide] for part, origin in zip(whole, self.origin, strict=True))
+        for part, along in zip((x, y, z), reflect_vector(path.by_sphere.vector, path.mirror), strict=True):
+            shape = (path.snapshot.shape[0], *part.shape[1:])
+            instead = np.nan if self.refuses else part[path.snapshot]
+            part[path.snapshot] = np.where(path.exists.reshape(shape), along.reshape(shape), instead)
+        return (x, y, z) if self.axes is None else self.axes.seen((x, y, z), wide)
+
     def compared(
-        self, whole: Vector, k: int, extra_m2: FloatArray | None, paths: SpherePath | None
+        self, k: int, seen: Vector, extra_m2: FloatArray | None, path: RowPath | None
     ) -> Iterator[tuple[FloatArray, Vector]]:
         """Yield residual (B,) and its derivatives of azimuth and elevation of row ``k``, along the paths by spheres."""
-        paths = self.spheres.paths_from(*whole) if paths is None else paths
-        rows = np.arange(*np.searchsorted(self.spheres.measurement, (k, k + 1)))
-        if not rows.size:
-            yield from super().compared(whole, k, extra_m2, None)
+        if path is None:
+            yield from super().compared(k, seen, extra_m2, None)
             return
-        path, snapshot = paths.take(rows), self.spheres.snapshot[rows]
-        mirror = rows_of(self.spheres.tangents.normal, rows)
-        exists = np.isfinite(path.flat.bearing_rad)
-        exists &= (path.flat.tube_width_m > 0.0) | self.spheres.takes_any_path[rows]
-        x, y, z = (part - origin[:, k] for part, origin in zip(whole, self.origin, strict=True))
-        for part, along in zip((x, y, z), reflect_vector(path.vector, mirror), strict=True):
-            part[snapshot] = np.where(exists, along, np.nan if self.refuses else part[snapshot])
-        seen = (x, y, z) if self.axes is None else self.axes.seen((x, y, z), k)
-        without_weight = np.isinf(self.std[snapshot, k])
-        scale = np.where(without_weight, 0.0, np.where(exists, path.flat.length_m, np.nan))
+        without_weight = np.isinf(self.std[path.snapshot, k])
+        scale = np.where(without_weight, 0.0, np.where(path.exists, path.by_sphere.flat.length_m, np.nan))
         for residual, slopes in self.angles.compare(k, seen, extra_m2):
             x, y, z = (part.copy() for part in self._from_sensor(slopes, k))
-            turned = reflect_vector((x[snapshot], y[snapshot], z[snapshot]), mirror)
-            for part, slope in zip((x, y, z), scaled(path.gradient(turned), scale), strict=True):
-                part[snapshot] = np.where(without_weight, 0.0, slope)
+            turned = reflect_vector((x[path.snapshot], y[path.snapshot], z[path.snapshot]), path.mirror)
+            for part, slope in zip((x, y, z), scaled(path.by_sphere.gradient(turned), scale), strict=True):
+                part[path.snapshot] = np.where(without_weight, 0.0, slope)
             yield residual, (x, y, z)
 
+    def last_leg(self, k: int, whole: Vector, path: RowPath | None) -> Vector:
+        """Return vectors (B,) from the sphere to points, as long as the whole paths of row ``k``."""
+        x, y, z = super().last_leg(k, whole, None)
+        if path is not None:
+            for part, along in zip((x, y, z), path.by_sphere.last_leg, strict=True):
+                part[path.snapshot] = np.where(path.exists, along, np.nan if self.refuses else part[path.snapshot])
+        return x, y, z
+
+    def range_m(self, *point: FloatArray) -> FloatArray:
+        """Return the lengths (B, K) of the paths from points; unfolded where no path exists."""
+        range_m = super().range_m(*point)
+        along = self.spheres.paths_from(*self.whole(point)).flat.length_m
+        self.spheres.place_in(range_m, np.where(np.isfinite(along), along, self.spheres.pick_from(range_m)))
+        return range_m
+
+    def row_bending(self, k: int, seen: Vector, azimuth: FloatArray, rise: FloatArray) -> SymmetricMatrix:
+        """Return the second derivatives of `SpaceLines`, 0 of rows by spheres: they are not computed."""
+        bend = super().row_bending(k, seen, azimuth, rise)
+        snapshot = self.spheres.snapshot[self.spheres.span(k)]
+        for part in bend:
+            part[snapshot] = 0.0
+        return bend
+
     def bending(self, *at: Any) -> SymmetricMatrix:
-        """Return NaN: second derivatives along paths by spheres are not computed, and no matrix counts as exact."""
+        """Return NaN: without second derivatives along paths by spheres no matrix counts as exact."""
         return SymmetricMatrix.full(at[0].shape, np.nan, self.unknowns)
 
     def unseen(self, *point: FloatArray, paths: SpherePath | None = None) -> BoolArray:
@@ -119,9 +179,15 @@ class SphereLines(SpaceLines):
         self.spheres.place_in(under, self.spheres.under_horizon())
         return under
 
+    def first_leg_m(self) -> FloatArray:
+        """Return how far (B, K) along unfolded rays they meet the sphere; 0 of other rows."""
+        leg = super().first_leg_m()
+        self.spheres.place_in(leg, self.spheres.tangents.first_leg_m)
+        return leg
+
     @property
     def has_azimuth_alone(self) -> bool:
-        """Whether a row by a sphere has no elevation, so that it has no plane for a linear fit."""
+        """Whether a row by a sphere has no elevation: its plane is for initial estimates alone."""
         return not self.spheres.tangents.has_plane.all()
 
     def _sphere_stds(self) -> tuple[FloatArray, FloatArray]:

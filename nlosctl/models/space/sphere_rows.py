@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
 from nlosctl.contract.scene import Scene, SphereReflector
-from nlosctl.geometry.angles import wrap_angle
+from nlosctl.geometry.blocks import rows_of
 from nlosctl.geometry.circular_reflection import all_points
-from nlosctl.geometry.directions import Vector, dot, length
+from nlosctl.geometry.directions import Vector, cross, dot, length, scaled
 from nlosctl.geometry.short_arc import short_arc_point
 from nlosctl.geometry.spheres import SpherePath, central_plane, elevation_above_horizon, leave_sphere
 from nlosctl.geometry.visibility import horizon_elevation, sees_by_reflection, sees_directly
@@ -32,8 +32,9 @@ class SphereRows(SpaceRows):
 
     ``blocker_radius`` is NaN where the sphere has none: then any of up to four paths may be the row's.
     ``least_elevation_rad`` is the horizon, or the scene's least elevation; NaN without a blocker. ``takes_any_path``
-    marks rows that may take another path than that on the short arc: no blocker, or a sensor above it. The ray is the
-    measured unit direction in the coordinates of the batch, NaN in rows that give their ``azimuth_rad`` alone.
+    marks rows that may take another path than that on the short arc: no blocker, or a sensor above it. Directions are
+    in the coordinates of the batch: the ray is the measured unit direction, NaN in rows that give their azimuth alone,
+    ``level`` that of the azimuth without elevation, ``aside`` the one a right angle to its left.
     """
 
     radius: FloatArray
@@ -43,7 +44,8 @@ class SphereRows(SpaceRows):
     ray_x: FloatArray
     ray_y: FloatArray
     ray_z: FloatArray
-    azimuth_rad: FloatArray
+    level: Vector
+    aside: Vector
     tangents: SphereTangents
 
     @property
@@ -58,7 +60,11 @@ class SphereRows(SpaceRows):
         paths the one seen nearest to the measured direction, free ones before blocked ones. NaN where the point or the
         sensor is not inside the sphere.
         """
-        plane = central_plane(self.sensor, self.about_center(*point))
+        return self.paths_to(*self.about_center(*point))
+
+    def paths_to(self, *source: FloatArray) -> SpherePath:
+        """Return the same path (N,) of each row from a point of its own (N,) about its centre."""
+        plane = central_plane(self.sensor, source)
         hit_x, hit_y = short_arc_point(*plane.points, self.radius)
         several = np.flatnonzero(self.takes_any_path)
         if several.size:
@@ -73,8 +79,22 @@ class SphereRows(SpaceRows):
         """Return the angles (P, n) of directions from the measured ones of ``rows``, or of their azimuths alone."""
         ray = tuple(part[rows] for part in self.ray)
         apart = np.arccos(np.clip(dot(direction, ray), -1.0, 1.0))
-        turned = np.abs(wrap_angle(self.azimuth_rad[rows] - np.arctan2(direction[1], direction[0])))
-        return np.where(np.isnan(ray[0]), turned, apart)
+        aside, level = (dot(direction, rows_of(axis, rows)) for axis in (self.aside, self.level))
+        return np.where(np.isnan(ray[0]), np.abs(np.arctan2(aside, level)), apart)
+
+    def upright(self) -> Vector:
+        """Return the unit normals (N,) of the planes of centre, sensor and azimuth.
+
+        Where the sensor's vertical leads to the centre all paths with that azimuth are in them.
+        """
+        normal = cross(self.sensor, self.level)
+        with ignoring_division():
+            return scaled(normal, 1.0 / length(normal))
+
+    def axis_distance_m(self, *point: FloatArray) -> FloatArray:
+        """Return the distances (N,) of points (B,) from the lines of centre and sensor: the width of an azimuth."""
+        with ignoring_division():
+            return length(cross(self.sensor, self.about_center(*point))) / length(self.sensor)
 
     def moved_inside(self, *point: FloatArray) -> tuple[FloatArray, ...]:
         """Return points that are moved, where they are not inside a row's sphere, as `move_inside` does."""
@@ -112,13 +132,13 @@ def locate_sphere_rows(
     reflector: IntArray,
     sensor: Vector,
     ray: Vector,
-    along_azimuth: Vector,
+    level: Vector,
+    aside: Vector,
     azimuth_share: FloatArray,
-    azimuth_rad: FloatArray,
 ) -> SphereRows:
     """Return the sphere rows of a block (B, K), centres in the scene's coordinates.
 
-    ``sensor``, ``ray`` (NaN without an elevation) and its tangent ``along_azimuth`` are three arrays (B, K), the others
+    ``sensor``, ``ray`` (NaN without an elevation), ``level`` and ``aside`` are three arrays (B, K), ``azimuth_share``
     as in `SphereTangents`. Rows whose sensor is not inside the sphere, or under the blocker,
     get a sensor that is NaN: no path leads to it.
     """
@@ -130,7 +150,7 @@ def locate_sphere_rows(
     distance = length(about)
     outside, under = misplaced_sensors(distance, radius, blocker)
     inside = np.where(outside | under, np.nan, 0.0)
-    mine, along = (tuple(part[index] for part in vector) for vector in (ray, along_azimuth))
+    mine, ahead, along = (tuple(part[index] for part in vector) for vector in (ray, level, aside))
     hit = leave_sphere(about, mine, radius)
     return SphereRows(
         **_indices(reflector, snapshot, measurement),
@@ -138,7 +158,8 @@ def locate_sphere_rows(
         **_named("center", tuple(center)),
         **_named("ray", mine),
         tangents=SphereTangents.of(hit, mine, along, azimuth_share[index]),
-        azimuth_rad=azimuth_rad[index],
+        level=ahead,
+        aside=along,
         radius=radius,
         blocker_radius=blocker,
         least_elevation_rad=np.fmax(horizon_elevation(distance, blocker), least),

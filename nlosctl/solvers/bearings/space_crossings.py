@@ -8,11 +8,15 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_overflow
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.measured_height import GroundHeight
 from nlosctl.models.space.lines import SpaceLines
 from nlosctl.models.space.measured_angles import Vector
 from nlosctl.solvers.bearings.ray_crossings import Candidates, gather
 
 __all__ = ["cross_in_space", "ends_at_height", "ends_of_ranges"]
+
+_ROUNDS_ON_GROUND = 4
+"""So often the plane that replaces the ground moves under the crossing: then its bend is below a metre."""
 
 
 def cross_in_space(lines: SpaceLines, first: IntArray, second: IntArray) -> Candidates:
@@ -22,13 +26,14 @@ def cross_in_space(lines: SpaceLines, first: IntArray, second: IntArray) -> Cand
     vertical half-plane their intersection; two half-planes a point only with a measured height. Not valid where the
     lines are parallel, or where the point is behind a sensor. ``first`` and ``second`` are (P,) or (B, P).
     """
-    normals, count = lines.normals(), lines.rows
+    normals = lines.normals()
     offsets = lines.offsets(normals)
-    pair = [_Row(lines, normals, offsets, count, index) for index in (first, second)]
+    pair = [_Row(lines, normals, offsets, index) for index in (first, second)]
     with ignoring_overflow():
         point = _meet(lines, pair, None)
-        point = _meet(lines, pair, point)
-        whole = _whole(lines, point)
+        for _ in range(_ROUNDS_ON_GROUND if isinstance(lines.height, GroundHeight) else 1):
+            point = _meet(lines, pair, point)
+        whole = lines.whole(point)
         valid = np.logical_and.reduce([row.along_m(whole) > 0.0 for row in pair])
         valid &= np.logical_and.reduce([np.isfinite(part) for part in point])
     return _candidates(point, valid)
@@ -41,14 +46,20 @@ def ends_of_ranges(lines: SpaceLines, measured_m: FloatArray) -> Candidates:
 
 
 def ends_at_height(lines: SpaceLines) -> Candidates:
-    """Return where the rays (B, K) with an elevation have the measured height; not valid if that is behind."""
-    assert lines.height_m is not None  # noqa: S101 - asked for where a height is measured
+    """Return where the rays (B, K) with an elevation first have the height of the source; not valid if they do not.
+
+    That of a row by a sphere is behind the point where it is reflected.
+    """
     with ignoring_overflow():
-        rays = lines.ends(np.ones(lines.angles.cos_azimuth.shape))
-        slopes = [end - origin for end, origin in zip(rays, lines.origin, strict=True)]
-        distance = (lines.height_m[:, None] - lines.origin[2]) / slopes[2]
-        point = tuple(origin + distance * slope for origin, slope in zip(lines.origin, slopes, strict=True))
-    return _candidates(point[: lines.unknowns], (distance > 0.0) & np.isfinite(distance))
+        ends = lines.ends(np.ones(lines.angles.cos_azimuth.shape))
+        x, y, z = (end - origin for end, origin in zip(ends, lines.origin, strict=True))
+        if lines.height is not None:
+            reach = lines.height.reach_m(lines.origin, (x, y, z), lines.first_leg_m())
+        else:
+            assert lines.held_m is not None  # noqa: S101 - asked for where there is a height
+            reach = (lines.held_m[:, None] - lines.origin[2]) / z
+        point = tuple(origin + reach * part for origin, part in zip(lines.origin, (x, y, z), strict=True))
+    return _candidates(point[: lines.unknowns], (reach > 0.0) & np.isfinite(reach))
 
 
 def _candidates(point: Point, valid: BoolArray) -> Candidates:
@@ -65,7 +76,9 @@ def _rays(lines: SpaceLines) -> Vector:
 class _Row:
     """One row of each pair: the planes of its azimuth and its elevation, and its direction, (B, P) each."""
 
-    def __init__(self, lines: SpaceLines, normals: Point, offsets: FloatArray, count: int, index: IntArray) -> None:
+    def __init__(self, lines: SpaceLines, normals: Point, offsets: FloatArray, index: IntArray) -> None:
+        count = lines.rows
+
         def pick(block: FloatArray, start: int) -> FloatArray:
             return gather(block[:, start : start + count], index)
 
@@ -82,11 +95,6 @@ class _Row:
         return reduce(np.add, [(part - origin) * ray for part, origin, ray in parts])
 
 
-def _whole(lines: SpaceLines, point: Point) -> Point:
-    """Return points (B, P) with the height that is exactly known."""
-    return point if not lines.is_held or lines.height_m is None else (*point, lines.height_m[:, None])
-
-
 def _meet(lines: SpaceLines, pair: list[_Row], near: Point | None) -> Point:
     """Return the points (B, P) nearest to both rows of pairs, with weights by the distances of points ``near``.
 
@@ -98,17 +106,20 @@ def _meet(lines: SpaceLines, pair: list[_Row], near: Point | None) -> Point:
     for row in pair:
         squared = np.ones(shape)
         if near is not None:
-            away = [part - origin for part, origin in zip(_whole(lines, near), row.origin, strict=True)]
+            away = [part - origin for part, origin in zip(lines.whole(near), row.origin, strict=True)]
             squared = reduce(np.add, [part * part for part in away])
         for normal, offset, std in zip(row.normals, row.offsets, row.std, strict=True):
             weight = 1.0 / (std * std * squared)
             matrix += SymmetricMatrix.outer(*normal, weight=weight)
             for total, part in zip(right, normal, strict=True):
                 total += weight * part * offset
-    if lines.height_m is not None and not lines.is_held:
-        weight = np.where(np.isfinite(lines.height_m), 1.0 / lines.std[:, -1] ** 2, 0.0)[:, None]
+    if lines.height is not None:
+        about = tuple(np.zeros(shape) for _ in lines.origin) if near is None else near
+        up, level = lines.height.plane(*about)
+        weight = np.broadcast_to((lines.height.inverse_std**2)[:, None], shape)
         if near is None:  # angles are in units of a distance of one
             weight = weight * np.maximum(reduce(np.add, [part[:, :1] ** 2 for part in lines.origin]), 1.0)
-        matrix.parts[-1][...] += weight
-        right[2] += weight * np.where(np.isfinite(lines.height_m), lines.height_m, 0.0)[:, None]
+        matrix += SymmetricMatrix.outer(*up, weight=weight)
+        for total, part in zip(right, up, strict=True):
+            total += weight * part * level
     return matrix.solve(*right)

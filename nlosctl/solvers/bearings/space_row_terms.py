@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
@@ -13,6 +13,7 @@ from nlosctl.geometry.regions import Ball
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.space.lines import SpaceLines
 from nlosctl.models.space.measured_angles import Vector
+from nlosctl.models.space.sphere_lines import SphereLines
 from nlosctl.solvers.optimization.problem import RowDerivatives
 
 __all__ = ["DirectDirections"]
@@ -20,15 +21,21 @@ __all__ = ["DirectDirections"]
 
 @dataclass(frozen=True)
 class DirectDirections(RowBlock):
-    """Rows (B, K) of unfolded rays in space with Gaussian errors of azimuth, elevation and range.
+    """Rows (B, K) of rays in space, direct, by plane mirrors or by spheres, with Gaussian errors of azimuth, elevation
+    and range.
 
     A row can't be direct from points behind its sensor (its azimuth is off by more than a right angle), closer than
     the minimum range (B,) to the sensor or, with an elevation, to the vertical through it, where the azimuth loses its
-    meaning, or on another side of its mirror.
+    meaning, on another side of its mirror, or to which no path by its sphere leads.
     """
 
     lines: SpaceLines
     squared_minimum: FloatArray
+
+    @classmethod
+    def of(cls, lines: SpaceLines, squared_minimum: FloatArray) -> DirectDirections:
+        """Return the rows of a block of rays; ``squared_minimum`` (B,) is the square of the minimum range."""
+        return cls(replace(lines, refuses=True) if isinstance(lines, SphereLines) else lines, squared_minimum)
 
     @property
     def dimension(self) -> int:
@@ -45,8 +52,8 @@ class DirectDirections(RowBlock):
 
         Squared angles are series in their squared sines, as in the plane.
         """
-        lines, angles = self.lines, self.lines.angles
-        vx, vy, vz = self._seen(k, point)
+        lines, angles, whole = self.lines, self.lines.angles, self.lines.whole(point)
+        vx, vy, vz = lines.seen(k, whole, lines.row_path(k, whole))
         az_cos, az_sin = angles.cos_azimuth[:, k, None], angles.sin_azimuth[:, k, None]
         el_cos, el_sin = angles.cos_elevation[:, k, None], angles.sin_elevation[:, k, None]
         has = angles.has_elevation[:, k, None] > 0.0
@@ -72,7 +79,7 @@ class DirectDirections(RowBlock):
             residual = np.log(measured / distance) if lines.is_lognormal else measured - distance
             half += np.where(np.isfinite(measured), 0.5 * (residual / std) ** 2, 0.0)
         if lines.mirrors is not None:
-            impossible |= self._beyond(k, point)
+            impossible |= lines.mirrors.row_beyond(k, *whole)
         np.copyto(half, np.inf, where=impossible | np.isnan(half))
         return half
 
@@ -80,22 +87,22 @@ class DirectDirections(RowBlock):
         """Return half the chi-square of row ``k`` at points (B,), exact, and its derivatives; 0 where impossible."""
         lines, angles = self.lines, self.lines.angles
         whole = lines.whole(point)
-        seen = self._seen(k, point)
+        path = lines.row_path(k, whole)
+        seen = lines.seen(k, whole, path)
         half, gradient = np.zeros(seen[0].shape), [np.zeros(seen[0].shape) for _ in range(3)]
         gauss = SymmetricMatrix.full(seen[0].shape, 0.0, 3)
         with ignoring_overflow():
             weights = [1.0 / lines.std[:, i] ** 2 for i in (k, angles.rows + k)]
             weighed = []
-            for (residual, slopes), weight in zip(lines.compared(whole, k, None, None), weights, strict=True):
+            for (residual, slopes), weight in zip(lines.compared(k, seen, None, path), weights, strict=True):
                 weighed.append(weight * residual)
                 half += 0.5 * weight * residual * residual
                 for total, slope in zip(gradient, slopes, strict=True):
                     total += weight * residual * slope
                 gauss += SymmetricMatrix.outer(*slopes, weight=weight)
-            bend = angles.bending(k, seen, *weighed)
-            hessian = gauss + (bend if lines.axes is None else lines.axes.unfolded_matrix(bend, k))
+            hessian = gauss + lines.row_bending(k, seen, *weighed)
             if lines.measured_m is not None:
-                residual, slopes, bend = lines.range_terms(whole, k)
+                residual, slopes, bend = lines.range_terms(k, whole, path)
                 half += 0.5 * residual * residual
                 for total, slope in zip(gradient, slopes, strict=True):
                     total += residual * slope
@@ -103,7 +110,7 @@ class DirectDirections(RowBlock):
                 gauss += outer
                 hessian += outer
                 hessian.add_scaled(bend, residual)
-        impossible = self._impossible(k, seen, point) | ~np.isfinite(hessian.trace)
+        impossible = self._impossible(k, seen, whole) | ~np.isfinite(hessian.trace)
 
         def finite(part: FloatArray) -> FloatArray:
             return np.where(impossible, 0.0, part)
@@ -119,7 +126,8 @@ class DirectDirections(RowBlock):
     def ridges(self, ball: Ball) -> FloatArray:
         """Return the density (B, K) of the points of `sample_ridge` where it is greatest, apart from `on_ridge`.
 
-        0 in rows without such points: an azimuth with a range, and with an exactly known height an elevation.
+        0 in rows without such points: rows by spheres, an azimuth with a range, and with an exactly known height an
+        elevation.
         """
         lines, angles = self.lines, self.lines.angles
         std = lines.std[:, : angles.rows], lines.std[:, angles.rows : 2 * angles.rows]
@@ -139,14 +147,16 @@ class DirectDirections(RowBlock):
                 else cone / (np.sqrt(2.0 * np.pi) * lines.std[:, 2 * angles.rows :][:, : angles.rows])
             )
             density = np.where(ranged, np.where(has, end, 0.0), density)
+        if isinstance(lines, SphereLines):
+            lines.spheres.place_in(density, np.zeros(lines.spheres.snapshot.shape))
         return density
 
     def on_ridge(self, k: int, ratio: FloatArray, *point: FloatArray) -> FloatArray:
         """Return the density over that (B, P): the volume per square radian and metre turns ``ratio`` into it."""
         if self.lines.is_held:
             return ratio
-        angles = self.lines.angles
-        seen = self._seen(k, point)
+        angles, whole = self.lines.angles, self.lines.whole(point)
+        seen = self.lines.seen(k, whole, self.lines.row_path(k, whole))
         squared_level = seen[0] ** 2 + seen[1] ** 2
         distance = np.sqrt(squared_level + seen[2] ** 2)
         with ignoring_overflow():
@@ -205,12 +215,11 @@ class DirectDirections(RowBlock):
 
     def at_zenith(self, *point: FloatArray) -> BoolArray:
         """Return to which rows (B, K) points (B,) are so nearly above or below that their azimuth is no Gaussian."""
-        angles = self.lines.angles
-        x, y, z = (
-            np.stack(part, axis=1) for part in zip(*(self._seen(k, point) for k in range(angles.rows)), strict=True)
-        )
+        lines, whole = self.lines, self.lines.whole(point)
+        seen = (lines.seen(k, whole, lines.row_path(k, whole)) for k in range(lines.rows))
+        x, y, z = (np.stack(part, axis=1) for part in zip(*seen, strict=True))
         with ignoring_overflow():
-            return angles.at_zenith((x, y, z), self.lines.std[:, angles.rows : 2 * angles.rows])
+            return lines.angles.at_zenith((x, y, z), lines.std[:, lines.rows : 2 * lines.rows])
 
     def _middle_height(self, ball: Ball) -> FloatArray:
         """Return the heights (B, K) of the balls' centers over the sensors, along the sensors' own third axis."""
@@ -224,25 +233,7 @@ class DirectDirections(RowBlock):
         pairs = zip(ball.center, self.lines.origin, strict=False)
         return reduce(np.hypot, [middle[:, None] - origin for middle, origin in pairs]) + ball.radius[:, None]
 
-    def _seen(self, k: int, point: Point) -> Vector:
-        """Return the vectors (B, ...) from the sensor of row ``k`` to points, as it sees them."""
-        beside = (slice(None),) + (None,) * (point[0].ndim - 1)
-        x, y, z = (
-            part - origin[:, k][beside] for part, origin in zip(self._whole(point), self.lines.origin, strict=True)
-        )
-        if self.lines.axes is None:
-            return x, y, z
-        rows = [[part[:, k][beside] for part in row] for row in self.lines.axes.rows]
-        a, b, c = (row[0] * x + row[1] * y + row[2] * z for row in rows)
-        return a, b, c
-
-    def _whole(self, point: Point) -> Vector:
-        if point[0].ndim == 1 or self.lines.height_m is None or not self.lines.is_held:
-            return self.lines.whole(point)
-        x, y = point
-        return x, y, np.broadcast_to(self.lines.height_m[:, None], x.shape)
-
-    def _impossible(self, k: int, seen: Vector, point: Point) -> BoolArray:
+    def _impossible(self, k: int, seen: Vector, whole: Vector) -> BoolArray:
         """Return which points (B,) row ``k`` can't be direct from."""
         angles = self.lines.angles
         along = angles.cos_azimuth[:, k] * seen[0] + angles.sin_azimuth[:, k] * seen[1]
@@ -252,12 +243,8 @@ class DirectDirections(RowBlock):
             ahead = angles.cos_elevation[:, k] * along + angles.sin_elevation[:, k] * seen[2]
             along = np.where(angles.has_elevation[:, k] > 0.0, ahead, along)
         impossible: BoolArray = (along <= 0.0) | (squared < self.squared_minimum)
-        return impossible if self.lines.mirrors is None else impossible | self._beyond(k, point)
-
-    def _beyond(self, k: int, point: Point) -> BoolArray:
-        """Return which points (B, ...) are on another side of the mirror of row ``k`` than its sensor."""
-        assert self.lines.mirrors is not None  # noqa: S101 - asked for where there are mirrors
-        return self.lines.mirrors.row_beyond(k, *self._whole(point))
+        mirrors = self.lines.mirrors
+        return impossible if mirrors is None else impossible | mirrors.row_beyond(k, *whole)
 
 
 def _squared_angle(squared_sine: FloatArray) -> FloatArray:

@@ -53,7 +53,7 @@ class BearingCandidates:
     @property
     def count(self) -> int:
         """The number of candidates of each snapshot."""
-        lists = (self.range_m is not None) + (self.model.height_m is not None)
+        lists = (self.range_m is not None) + (self.model.has_height)
         return int(self.first.shape[-1]) + lists * self.model.mixture.count
 
     def points(self, rows: IntArray) -> Candidates:
@@ -73,7 +73,7 @@ class BearingCandidates:
         if self.range_m is not None:
             ends = (ends_of_ranges if in_space else end_rays)(lines, self.range_m[rows])
             parts.append(Candidates(ends.point, ends.valid & (share > 0.0)))
-        if self.model.height_m is not None:
+        if self.model.has_height:
             ends = ends_at_height(lines)
             parts.append(Candidates(ends.point, ends.valid & (share > 0.0)))
         return Candidates.join(parts)

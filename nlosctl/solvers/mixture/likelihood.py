@@ -14,7 +14,7 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
 from nlosctl.contract.step_progress import note_step
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.ranges.measured_height import MeasuredHeight
+from nlosctl.models.measured_height import TargetHeight
 from nlosctl.solvers.mixture.mixture_rows import MixtureRows, OutlierRows
 from nlosctl.solvers.optimization.problem import Evaluation, RowDerivatives
 
@@ -44,7 +44,7 @@ class Mixture(RowBlock):
     log_nlos: FloatArray
     least_cost: FloatArray
     outliers: OutlierRows | None = None
-    height: MeasuredHeight | None = None
+    height: TargetHeight | None = None
 
     @classmethod
     def of(
@@ -55,7 +55,7 @@ class Mixture(RowBlock):
         last: BoolArray | None,
         log_nlos: FloatArray,
         outliers: OutlierRows | None = None,
-        height: MeasuredHeight | None = None,
+        height: TargetHeight | None = None,
     ) -> Mixture:
         """Return the mixtures with their least cost computed."""
         total = log_nlos.copy()
@@ -118,7 +118,7 @@ class Mixture(RowBlock):
         if ratios is not None:
             logarithm += ratios[1]
         if self.height is not None:
-            scaled = self.height.scaled_residual(point[2])
+            scaled = self.height.scaled_residual(*point)
             logarithm += 0.5 * scaled * scaled
         return logarithm
 
@@ -173,10 +173,9 @@ class Mixture(RowBlock):
     def height_terms(self, *point: FloatArray) -> RowDerivatives:
         """Return half the chi-square of the measured height at points (B,) in space, and its derivatives."""
         assert self.height is not None  # noqa: S101 - asked for where a height is measured
-        scaled, precision = self.height.scaled_residual(point[2]), self.height.inverse_std
-        zero = np.zeros(scaled.shape)
-        gauss = SymmetricMatrix.outer(zero, zero, precision)
-        return RowDerivatives(0.5 * scaled * scaled, (zero, zero, scaled * precision), gauss, gauss)
+        scaled, slopes = self.height.scaled_residual(*point), self.height.scaled_slopes(*point)
+        gauss = SymmetricMatrix.outer(*slopes)
+        return RowDerivatives(0.5 * scaled * scaled, tuple(scaled * slope for slope in slopes), gauss, gauss)
 
     def _evidence(self, direct: FloatArray) -> FloatArray:
         """Return for each row (B, K) the sum over its group, w_0 included."""

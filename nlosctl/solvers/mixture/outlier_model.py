@@ -17,7 +17,7 @@ from nlosctl.contract.fields import SensorsField
 from nlosctl.errors import UsageError
 from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
 from nlosctl.geometry.regions import BoxRegion, PrismRegion, Region, box_diagonal
-from nlosctl.models.ranges.measured_height import MeasuredHeight
+from nlosctl.models.measured_height import MeasuredHeight
 from nlosctl.models.search_regions import reach_region, search_region
 from nlosctl.models.sight import bearing_lines
 from nlosctl.models.space.lines import SpaceLines
@@ -50,7 +50,7 @@ class OutlierModel(RowBlock):
     """A block of bearings with all that equation (23) needs; shapes (B,) and (B, K).
 
     ``lines`` are `SightLines` in the plane, `SpaceLines` in space, ``direct`` the rows of either; ``volume`` is that
-    (in the plane the area) in which a source may be; ``height_m`` a measured height about the local origin, or None.
+    (in the plane the area) in which a source may be; ``has_height`` marks that its height is measured, or known.
     ``share`` is each row's probability to be the direct one of its group, given that one is; ``extent_m`` the diagonal
     of the search region, over which an outlier's range is uniform; ``measured_m`` and ``range_std_m`` are NaN in rows
     without a range, None where no row has one.
@@ -68,7 +68,7 @@ class OutlierModel(RowBlock):
     sensor_extent_m: FloatArray
     measured_m: FloatArray | None
     range_std_m: FloatArray | None
-    height_m: FloatArray | None = None
+    has_height: bool = False
 
     def take_rows(self, rows: IntArray) -> OutlierModel:
         """Return the model of some snapshots, in rising order, each named once: all of them are this itself."""
@@ -77,9 +77,9 @@ class OutlierModel(RowBlock):
     @property
     def held_m(self) -> FloatArray | None:
         """The heights (B,) in the frame that are exactly known, None where they are unknowns."""
-        if self.height_m is None or not self.lines.is_held:
+        if not self.has_height or not self.lines.is_held:
             return None
-        return np.asarray(self.height_m + self.lines.center[2])
+        return np.asarray(self.lines.held_m + self.lines.center[2])
 
     def too_few(self) -> BoolArray:
         """Return which snapshots (B,) measure fewer scalars than a position has."""
@@ -95,7 +95,7 @@ class OutlierModel(RowBlock):
         Those have parallel lines, or all sensors at a single point and no measured height, and no range.
         """
         uninformative = nearly_singular(fit_least_squares(self.lines).normal)
-        if self.height_m is None:
+        if not self.has_height:
             uninformative |= _larger_side(*_origins(self.lines)) <= 0.0
         if self.measured_m is not None:
             uninformative &= np.isnan(self.measured_m).all(axis=1)
@@ -128,18 +128,13 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
     product of both densities, as an outlier too: its range is then uniform over the search region's diagonal. The
     elevation of a row in space is Gaussian, that of an outlier uniform: one over the field of view and pi.
     """
-    is_geodesic = batch.sensor_frame is not None and batch.elevation_rad is None
-    if batch.dimension == 3 and (is_geodesic or batch.target_above_ground is not None):
-        raise UsageError(
-            "azimuths alone among places on earth, and heights above ground, have no outlier model; use the method ml"
-        )
     lines: Any = bearing_lines(batch)
-    if batch.dimension == _SPACE and type(lines) is not SpaceLines:
-        raise UsageError("robust methods take no rows by spheres and no azimuths alone on the earth; use the method ml")
+    if batch.dimension == _SPACE and not isinstance(lines, SpaceLines):
+        raise UsageError("robust methods take no azimuths alone on the earth; use the method ml")
     ranges = range_columns(batch, options.use_ranges)
     region = _region(batch, lines, ranges)
     extent = box_diagonal(*region.bounds_m)
-    sensor_extent = _larger_side(*_sensors(batch))
+    sensor_extent = _larger_side(*_sensors(batch, lines))
     least = options.min_range_m
     minimum = _MINIMUM_RANGE_SHARE * sensor_extent if least is None else np.full(extent.shape, least)
     minimum = np.maximum(minimum, 1e-9 * extent + np.finfo(np.float64).tiny)
@@ -162,28 +157,27 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
         with ignoring_division():
             log_direct += np.where(known, np.log(extent[:, None] / (ranges[1] * sqrt(2.0 * pi))), 0.0)
             log_nlos -= np.log(extent) * sum_measurements(known.astype(np.float64))
-    lognormal, height_m, height = options.range_noise == "lognormal", None, None
+    lognormal, height = options.range_noise == "lognormal", None
     rows: DirectBearings | DirectDirections
     if batch.dimension == _SPACE:
-        height_m, height = lines.height_m, _measured_height(batch, lines)
+        height = lines.height
         lines = lines if ranges is None else lines.with_ranges(*ranges, lognormal=lognormal)
-        rows = DirectDirections(lines, minimum * minimum)
+        rows = DirectDirections.of(lines, minimum * minimum)
     else:
         rows = DirectBearings.of(lines, minimum, *(ranges or (None, None)), lognormal=lognormal)
     obstructed = np.full(extent.shape, options.alpha)
     mixture = Mixture.of(rows, log_direct, obstructed, groups.last, log_nlos, height=height)
     leader = sort_rows(groups.leader, groups)
-    volume = _volume(batch, region)
     return OutlierModel(
-        lines, rows, mixture, leader, share, region, volume, minimum, extent, sensor_extent,
-        ranges and ranges[0], ranges and ranges[1], height_m,
+        lines, rows, mixture, leader, share, region, _volume(lines, region), minimum, extent, sensor_extent,
+        ranges and ranges[0], ranges and ranges[1], height is not None or (batch.dimension == _SPACE and lines.is_held),
     )  # fmt: skip
 
 
-def _sensors(batch: BearingBatch) -> Point:
+def _sensors(batch: BearingBatch, lines: Any) -> Point:
     """Return the sensors' positions (B, K), those of the unknown coordinates."""
     sensors: Point = (batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1])
-    return sensors if batch.sensor_z_m is None or batch.height_held else (*sensors, batch.sensor_z_m)
+    return sensors if batch.sensor_z_m is None or lines.is_held else (*sensors, batch.sensor_z_m)
 
 
 def _origins(lines: Any) -> Point:
@@ -192,38 +186,38 @@ def _origins(lines: Any) -> Point:
 
 
 def _region(batch: BearingBatch, lines: Any, ranges: tuple[FloatArray, FloatArray] | None) -> Region:
-    """Return the search regions; in space about as high as a measured height may be."""
-    sensors = _sensors(batch)
+    """Return the search regions; in space about as high as a height of the plane z = 0 may be."""
+    sensors = _sensors(batch, lines)
     center = lines.center[: len(sensors)]
     region = search_region(batch.field, sensors, center)
     if ranges is not None and isinstance(batch.field, SensorsField):
         reach = np.where(np.isnan(ranges[0]), -np.inf, ranges[0] + _RANGE_STANDARD_DEVIATIONS * ranges[1])
         about = tuple(part - middle[:, None] for part, middle in zip(sensors, center, strict=True))
         region = reach_region(region, about, max_measurements(reach))
-    if len(sensors) < _SPACE or batch.target_z_m is None or batch.target_z_std_m is None:
+    height = lines.height if len(sensors) == _SPACE else None
+    if not isinstance(height, MeasuredHeight):
         return region
-    z, reach = batch.target_z_m - center[2], _HEIGHT_STANDARD_DEVIATIONS * batch.target_z_std_m
     lower, upper = region.bounds_m
-    known = np.isfinite(z) & np.isfinite(reach)
-    zmin, zmax = np.where(known, z - reach, lower[2]), np.where(known, z + reach, upper[2])
+    with ignoring_division():
+        reach = _HEIGHT_STANDARD_DEVIATIONS / height.inverse_std
+    zmin, zmax = (
+        np.where(height.known, *pair) for pair in ((height.z_m - reach, lower[2]), (height.z_m + reach, upper[2]))
+    )
     if isinstance(region, PrismRegion):
         return PrismRegion(region.base, zmin, zmax)
     return BoxRegion((*lower[:2], zmin), (*upper[:2], zmax))
 
 
-def _volume(batch: BearingBatch, region: Region) -> FloatArray:
-    """Return the volumes (B,) in which sources may be: a measured height counts as its Gaussian."""
-    if batch.target_z_std_m is None or batch.height_held:
+def _volume(lines: Any, region: Region) -> FloatArray:
+    """Return the volumes (B,) in which sources may be: a measured height counts as its Gaussian across the region."""
+    height = lines.height if isinstance(lines, SpaceLines) else None
+    if height is None:
         return region.volume
-    share = sqrt(2.0 * pi) / (2.0 * _HEIGHT_STANDARD_DEVIATIONS)
-    return region.volume * np.where(np.isfinite(batch.target_z_std_m), share, 1.0)
-
-
-def _measured_height(batch: BearingBatch, lines: SpaceLines) -> MeasuredHeight | None:
-    """Return the measured heights that are not exactly known, None without any."""
-    if batch.target_z_m is None or batch.target_z_std_m is None or batch.height_held:
-        return None
-    return MeasuredHeight.of(batch.target_z_m, batch.target_z_std_m, lines.center[2])
+    lower, upper = region.bounds_m
+    up, _ = height.plane(*(0.5 * (least + most) for least, most in zip(lower, upper, strict=True)))
+    width = reduce(np.add, [np.abs(part) * (most - least) for part, least, most in zip(up, lower, upper, strict=True)])
+    with ignoring_division():
+        return region.volume * np.minimum(sqrt(2.0 * pi) / (height.inverse_std * width), 1.0)
 
 
 def _groups(batch: BearingBatch) -> PathGroups:

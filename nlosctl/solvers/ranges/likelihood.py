@@ -9,8 +9,8 @@ import numpy as np
 from nlosctl.arrays import FloatArray, ignoring_division
 from nlosctl.geometry.blocks import RowBlock, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.measured_height import MeasuredHeight
 from nlosctl.models.ranges.circles import RangeCircles
-from nlosctl.models.ranges.measured_height import MeasuredHeight
 from nlosctl.models.ranges.spheres import RangeRows
 from nlosctl.solvers.optimization.problem import Evaluation
 from nlosctl.solvers.ranges.squared_ranges import HeightPenalty, SquaredRangeFit, fit_squared_ranges

@@ -133,7 +133,7 @@ def lone_hypotheses(model: OutlierModel) -> Hypotheses:
 def _lone_in_space(model: OutlierModel) -> Hypotheses:
     shape = model.minimum_range_m.shape[0], 1
     found = None if model.measured_m is None else ends_of_ranges(model.lines, model.measured_m)
-    if found is None and model.height_m is not None:
+    if found is None and model.has_height:
         found = ends_at_height(model.lines)
     if found is None:
         nowhere = tuple(np.zeros(shape) for _ in range(model.mixture.dimension))

@@ -7,13 +7,16 @@ Cartesian coordinates.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, is_dataclass
+import operator
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import reduce
 from typing import Any
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_overflow
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.selected_rows import SelectedRows
 from nlosctl.solvers.bearings.space_crossings import cross_in_space
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.optimization.problem import RowDerivatives
@@ -59,16 +62,25 @@ class SpaceSets(GrowingSets):
         shape = model.leader.shape
         used, left = np.zeros(shape, dtype=bool), np.ones(shape, dtype=bool)
         sets = cls(model, state, used, left, np.full(shape, np.inf))
-        information = SymmetricMatrix.full(shape[0], 0.0, model.mixture.dimension)
         with ignoring_overflow():
-            for index in (first, second):
-                information += sets.row_at(index).gauss
-            if model.mixture.height is not None:
-                information += model.mixture.height_terms(*(part[:, 0] for part in state.point)).gauss
+            information, gradient = sets._pair_terms(first, second)
+            step = information.solve(*gradient)
+            sets.state = replace(state, point=tuple(p - s[:, None] for p, s in zip(state.point, step, strict=True)))
+            information, _ = sets._pair_terms(first, second)
         alive = state.alive & np.isfinite(information.determinant)[:, None]
-        sets.state = SpaceState(state.point, information.at(slice(None), None), alive)
+        sets.state = SpaceState(sets.state.point, information.at(slice(None), None), alive)
         sets.prepare(first, second)
         return sets
+
+    def _pair_terms(self, first: IntArray, second: IntArray) -> tuple[SymmetricMatrix, Point]:
+        """Return the information (N,) of pairs of rows and a measured height at the states, and the gradient."""
+        terms = [self.row_at(first), self.row_at(second)]
+        if self.model.mixture.height is not None:
+            terms.append(self.model.mixture.height_terms(*(part[:, 0] for part in self.state.point)))
+        information = reduce(operator.add, [term.gauss for term in terms])
+        return information, tuple(
+            reduce(np.add, parts) for parts in zip(*(term.gradient for term in terms), strict=True)
+        )
 
     def row_at(self, chosen: IntArray) -> RowDerivatives:
         """Return half the chi-square of the rows ``chosen`` (N, 1) at the states, and its derivatives."""
@@ -109,6 +121,8 @@ def _pick(block: Any, chosen: IntArray, shape: tuple[int, ...]) -> Any:
 
     Standard deviations are beside each other, kind by kind: the row has one of each.
     """
+    if isinstance(block, SelectedRows):
+        return block.one_of_each(chosen[:, 0])
     if isinstance(block, np.ndarray) and block.ndim == 2:
         count = block.shape[1] // shape[1]
         kinds = [np.take_along_axis(block, chosen + number * shape[1], axis=1) for number in range(count)]
