@@ -86,7 +86,7 @@ class GroundHeight(RowBlock):
         return up, dot(up, point) - above
 
     def reach_m(self, origin: Vector, ray: Vector, least_m: FloatArray) -> FloatArray:
-        """Return the least distance (B, K), above ``least_m``, from origins along unit rays to that height; NaN if none."""
+        """Return the least distance (B, K), above ``least_m``, from origins along rays to that height; NaN if none."""
         about = tuple(part - middle[:, None] for part, middle in zip(origin, self.center, strict=True))
         along, square = dot(about, ray), dot(about, about) - (self.distance_m * self.distance_m)[:, None]
         with ignoring_overflow():
