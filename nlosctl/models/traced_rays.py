@@ -12,7 +12,7 @@ from nlosctl.geometry.circles import leave_circle
 from nlosctl.geometry.lines import crosses_segment, reflect_direction
 from nlosctl.models.ranges.predictions import predict_ranges
 
-__all__ = ["TracedRays", "points_at_range", "trace_back"]
+__all__ = ["TracedRays", "points_at_range", "trace_back", "trace_in_space"]
 
 _DIRECTIONS = 2881
 _SAME_LENGTH = 1e-6
@@ -59,6 +59,32 @@ def trace_back(sensor_m: FloatArray, bearing_rad: FloatArray, reflector: Reflect
     hit = sensor_m + distance[:, None] * np.stack([cosine, sine], axis=-1)
     direction = reflect_direction(bearing_rad, np.arctan2(along_y, along_x))
     return TracedRays(hit, np.where(np.isnan(distance), np.nan, direction))
+
+
+def trace_in_space(sensor: FloatArray, along: FloatArray, reflector: Reflector | None) -> tuple[FloatArray, FloatArray]:
+    """Return where the ray from a sensor (3,) along a unit vector (3,) meets its mirror, and its direction from there.
+
+    The sensor and the direction themselves without a mirror, or if the ray misses it.
+    """
+    if reflector is None:
+        return sensor, along
+    if isinstance(reflector, SphereReflector | CircleReflector):
+        offset = sensor - np.append(reflector.center, 0.0)[:3]
+        half = float(offset @ along)
+        distance = -half + np.sqrt(half * half - float(offset @ offset) + reflector.radius**2)
+        normal = (offset + distance * along) / reflector.radius
+    else:
+        point = np.append(reflector.point, 0.0)[:3]
+        if isinstance(reflector, PlaneReflector):
+            normal = np.array(reflector.normal)
+        else:
+            normal = np.array([-reflector.direction[1], reflector.direction[0], 0.0])
+        normal = normal / np.linalg.norm(normal)
+        with ignoring_division():
+            distance = np.divide((point - sensor) @ normal, along @ normal)
+    if not (np.isfinite(distance) and distance > 0.0):
+        return sensor, along
+    return sensor + distance * along, along - 2.0 * (along @ normal) * normal
 
 
 def points_at_range(sensor_m: FloatArray, range_m: float, reflector: Reflector) -> FloatArray:

@@ -13,6 +13,7 @@ logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns about its ca
 
 try:
     from matplotlib import colormaps, style
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.collections import LineCollection
     from matplotlib.colors import BoundaryNorm, ListedColormap, LogNorm, Normalize
@@ -31,6 +32,7 @@ except Exception as error:  # an invalid matplotlibrc or MPLBACKEND of the user
 
 __all__ = [
     "Annotation",
+    "Artist",
     "Axes",
     "BoundaryNorm",
     "Circle",

@@ -10,8 +10,9 @@ import pytest
 
 import nlosctl
 from nlosctl.contract.scene import LineReflector, PlaneReflector, SphereReflector
+from nlosctl.models.traced_rays import trace_in_space
 from nlosctl.plotting.library import Axes, Circle, Ellipse
-from nlosctl.plotting.views.space import seen_reflectors, trace_in_space
+from nlosctl.plotting.views.two_views import seen_reflectors
 
 
 def drawn_ellipses(axes: Axes) -> list[Ellipse]:

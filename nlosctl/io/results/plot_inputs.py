@@ -96,7 +96,8 @@ class SampledRows:
 class PlotSnapshot:
     """One snapshot of measurements: the contract's columns (K,), ``sensor`` as names, and all columns of the file.
 
-    ``left_out`` (K,) marks rows that an earlier step flagged; ``dimension`` is that of the positions to estimate.
+    ``reference`` are the names of the references of differences, empty without. ``left_out`` (K,) marks rows that an
+    earlier step flagged; ``dimension`` is that of the positions to estimate.
     """
 
     id: str
@@ -105,6 +106,7 @@ class PlotSnapshot:
     columns: Columns
     sensor: Sequence[str]
     left_out: BoolArray
+    reference: Sequence[str] = ()
     dimension: int = 2
     file_columns: Columns = field(default_factory=dict)
 
@@ -184,6 +186,7 @@ def read_snapshot(file: PlotInput, options: InputOptions, snapshot: str | None) 
                 columns=columns,
                 sensor=[reader.sensor_names[code] for code in columns.get("sensor", ())],
                 left_out=chunk.left_out[rows],
+                reference=[reader.sensor_names[code] for code in columns.get("reference", ())],
                 dimension=reader.dimension,
                 file_columns={name: as_array(table.column(name)) for name in table.column_names},
             )

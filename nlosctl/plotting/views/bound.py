@@ -12,7 +12,7 @@ from nlosctl.plotting.maps import draw_map, edges_of
 from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors, scene_sensors, set_map_limits
 from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.views.close_ups import map_size_in
-from nlosctl.plotting.views.scene import first_measurements, sensor_positions
+from nlosctl.plotting.views.measured_rows import first_measurements, sensor_positions
 
 __all__ = ["draw_bound_map"]
 

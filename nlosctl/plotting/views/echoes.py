@@ -10,13 +10,8 @@ from nlosctl.plotting.library import Axes
 from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors, legend_once
 from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.views.close_ups import draw_with_close_up
-from nlosctl.plotting.views.scene import (
-    draw_range,
-    first_measurements,
-    horizontal_ranges,
-    row_sensors,
-    sensor_positions,
-)
+from nlosctl.plotting.views.measured_rows import first_measurements, horizontal_ranges, row_positions, sensor_positions
+from nlosctl.plotting.views.scene import draw_range
 from nlosctl.plotting.views.snapshot_rows import draw_estimates_of_snapshot, draw_truth, estimate_rows_of
 
 __all__ = ["draw_echo_view"]
@@ -50,7 +45,7 @@ def _draw_circles(
 ) -> list[str]:
     """Draw each echo, direct ones in the style of their target; ``whole`` includes direct circles in the extent."""
     radii, notes = horizontal_ranges(measured, target_z_m)
-    sensor = row_sensors(measured)
+    sensor = row_positions(measured)
     target = measured.file_columns.get("target", np.full(sensor.shape[0], np.nan))
     direct = (measured.file_columns.get("los", np.zeros(sensor.shape[0])) == 1) & ~np.isnan(target)
     order = np.lexsort((np.where(direct, target, 0.0), direct))

@@ -18,7 +18,7 @@ from nlosctl.plotting.plane import Extent
 from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.texts import plain
 from nlosctl.plotting.views.close_ups import draw_with_close_up
-from nlosctl.plotting.views.scene import first_measurements
+from nlosctl.plotting.views.measured_rows import first_measurements
 from nlosctl.plotting.views.snapshot_rows import draw_estimates_of_snapshot, draw_truth, estimate_rows_of
 
 __all__ = ["draw_triplet_view"]
