@@ -218,6 +218,7 @@ def plot(
     scene: SceneLike = None,
     kind: str | None = None,
     columns: Mapping[str, str] | None = None,
+    target_z_m: float | None = None,
     x: str | None = None,
     y: str | None = None,
     linear: bool = False,
@@ -227,8 +228,9 @@ def plot(
 ) -> Plot:
     """Plot measurements, flags, estimates or bounds (tables or paths); their contents select the view.
 
-    The arguments are those of ``nlosctl plot``; ``rows`` are ``wide``, ``missing``, ``where`` and ``declination_deg``
-    of `localize`. Raises MissingExtraError without matplotlib, UsageError for a view that does not suit the tables.
+    The arguments are those of ``nlosctl plot``; ``rows`` are ``wide``, ``missing``, ``where``, ``declination_deg``,
+    ``dimensions``, ``speed_m_s`` and standard deviations of `localize`. Raises MissingExtraError without matplotlib,
+    UsageError for a view that does not suit the tables.
     """
     from contextlib import ExitStack
 
@@ -251,6 +253,7 @@ def plot(
             files=files,
             read=read,
             snapshot=wanted,
+            target_z_m=target_z_m,
             by=read.by[0] if read.by and read.window is None else None,
             x=x,
             y=y,

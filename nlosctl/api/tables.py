@@ -10,6 +10,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
+from nlosctl.contract.flags import parse_speed
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import KINDS
@@ -43,8 +44,8 @@ def input_options(
 ) -> InputOptions:
     """Return the options of reading.
 
-    Standard deviations are moved from ``keywords`` to the constants, in radians. ``dimensions`` and the options of
-    `row_options` are taken from them too.
+    Standard deviations are moved from ``keywords`` to the constants, in radians. ``dimensions``, ``speed_m_s``
+    (or its name) and the options of `row_options` are taken from them too.
     """
     given = dict(constants or {})
     scales = _scales()
@@ -62,6 +63,8 @@ def input_options(
     rest |= row_options(keywords)
     if "dimensions" in keywords:
         rest["dimensions"] = keywords.pop("dimensions")
+    if "speed_m_s" in keywords:
+        rest["speed_m_s"] = parse_speed(str(keywords.pop("speed_m_s")))
     return InputOptions(columns=dict(columns or {}), constants=converted, scene=scene, **rest)
 
 

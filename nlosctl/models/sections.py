@@ -54,7 +54,7 @@ def hyperbola_sections(
         open_curve = (form > 0.0)[:, None]
         forward = np.where(open_curve, side[:, None] * np.cosh(span), np.cos(np.pi * turn))
         sideways = np.where(open_curve, np.sinh(span), np.sin(np.pi * turn))
-        exists = (minor2 > 0.0) & ((form > 0.0) | (np.sign(over_m * rise) == side))
+        exists = (minor2 > 0.0) & np.where(form > 0.0, level > 0.0, np.sign(over_m * rise) == side)
         forward = np.where(exists[:, None], middle[:, None] + along_m[:, None] * forward, np.nan)
         sideways = across_m[:, None] * sideways
     center = 0.5 * (sensor_m + reference_m)[:, None, :2]

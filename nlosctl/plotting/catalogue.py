@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["MEASUREMENTS", "VIEWS", "View"]
-
-MEASUREMENTS = ("bearings", "ranges", "triplets")
+__all__ = ["VIEWS", "View"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,9 +25,9 @@ VIEWS: dict[str, View] = {
     for view in (
         View(
             name="scene",
-            shows="one snapshot: sensors, mirrors, bearings with +-1 std, reflected rays, ranges, estimates with 95 % "
-            "ellipses, truth; in space as plan and elevation",
-            takes="measurements or flags (bearings, ranges), estimates, or both",
+            shows="one snapshot: sensors, mirrors, bearings with +-1 std, reflected rays, ranges, hyperbolas of arrivals, "
+            "estimates with 95 % ellipses, truth; in space as plan and elevation",
+            takes="measurements or flags (bearings, ranges, arrivals), estimates, or both",
             uses=("snapshot", "target_z_m"),
         ),
         View(

@@ -9,10 +9,15 @@ import pyarrow as pa
 import pytest
 
 import nlosctl
-from nlosctl.contract.scene import LineReflector, PlaneReflector, SphereReflector
+from nlosctl.contract.scene import LineReflector, PlaneReflector, Scene, SphereReflector
+from nlosctl.errors import UsageError
+from nlosctl.models.ranges.predictions import predict_space_ranges
+from nlosctl.models.sections import path_lengths_by_sphere
 from nlosctl.models.traced_rays import trace_in_space
-from nlosctl.plotting.library import Axes, Circle, Ellipse
+from nlosctl.plotting.library import Axes, Circle, Ellipse, LineCollection
 from nlosctl.plotting.views.two_views import seen_reflectors
+
+SOURCE = (25.0, 10.0, 8.0)
 
 
 def drawn_ellipses(axes: Axes) -> list[Ellipse]:
@@ -100,3 +105,144 @@ def test_flagged_rows_have_their_own_look_in_space() -> None:
     flagged = rows.append_column("los", los)
     for axes in nlosctl.plot(flagged).figure.axes[:2]:
         assert [line.get_label() for line in axes.lines].count("bearing, flagged (los false)") == 1
+
+
+def lines_of(axes: Axes, label: str) -> list[np.ndarray]:
+    """Return the points of the long lines of the color of a label."""
+    colors = {line.get_color() for line in axes.lines if str(line.get_label()).startswith(label)}
+    return [line.get_xydata() for line in axes.lines if line.get_color() in colors and len(line.get_xdata()) > 50]
+
+
+def passes(curve: np.ndarray, point: Sequence[float]) -> bool:
+    """Whether a polyline passes a point."""
+    away = np.linalg.norm(curve - np.asarray(point), axis=1)
+    return bool(np.nanmin(away) < 2.0 * np.nanmedian(np.linalg.norm(np.diff(curve, axis=0), axis=1)))
+
+
+def exact_ranges(scene: Scene, *reflectors: str) -> pa.Table:
+    """Return noise-free ranges of one source, direct and by the reflectors of a scene."""
+    sensors = np.array([[0.0, 0.0, 12.0], [50.0, -20.0, 3.0], [-20.0, 40.0, 15.0]])
+    index = {"": -1, **{name: number for number, name in enumerate(scene.reflector_names)}}
+    rows = []
+    for number, sensor in enumerate(sensors):
+        for name in ("", *reflectors):
+            parts = (tuple(np.array([value]) for value in end) for end in (sensor, SOURCE))
+            (length,) = predict_space_ranges(*parts, np.array([index[name]]), scene)
+            row = {"sensor": f"a{number}", "range_m": length, "range_std_m": 0.1, "reflector": name or None}
+            row |= {f"sensor_{axis}_m": value for axis, value in zip("xyz", sensor.tolist(), strict=True)}
+            rows.append(row | {f"truth_{axis}_m": value for axis, value in zip("xyz", SOURCE, strict=True)})
+    return pa.Table.from_pylist(rows)
+
+
+def test_ranges_are_sections_through_the_target() -> None:
+    """Direct ranges and those by planes and walls pass through the source in both views."""
+    scene = Scene(
+        reflectors=(
+            PlaneReflector(name="floor", point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)),
+            PlaneReflector(name="roof", point=(0.0, 60.0, 20.0), normal=(0.0, 1.0, 1.0)),
+            LineReflector(name="wall", point=(-40.0, 0.0), direction=(0.0, 1.0)),
+        )
+    )
+    rows = exact_ranges(scene, "floor", "roof", "wall")
+    plan, side = nlosctl.plot(rows, scene=scene, dimensions=3).figure.axes[:2]
+    for axes, seen in ((plan, [0, 1]), (side, ["xyz".index(side.get_xlabel()[0]), 2])):
+        for label, count in (("range, direct", 3), ("range, by a mirror", 9)):
+            drawn = lines_of(axes, label)
+            assert len(drawn) == count
+            assert all(passes(curve, np.array(SOURCE)[seen]) for curve in drawn)
+    radii = [np.linalg.norm(curve, axis=1) for curve in lines_of(plan, "range, direct")[:1]]
+    np.testing.assert_allclose(radii, np.hypot(SOURCE[0], SOURCE[1]))
+
+
+def test_ranges_by_a_sphere_are_contours_of_path_lengths() -> None:
+    """The contour passes through the source in the plan; the path is that in the plane of centre, sensor and source."""
+    dome = SphereReflector(name="dome", center=(10.0, 0.0, -60.0), radius=200.0)
+    length = float(path_lengths_by_sphere(np.array([0.0, 0.0, 12.0]), dome, np.array([SOURCE]))[0])
+    rows = exact_ranges(Scene()).slice(0, 2).set_column(1, "range_m", pa.array([length, 10.0]))
+    rows = rows.set_column(rows.column_names.index("reflector"), "reflector", pa.array(["dome", None]))
+    plan = nlosctl.plot(rows, scene=Scene(reflectors=(dome,)), dimensions=3).figure.axes[0]
+    (contour,) = plan.collections
+    (path,) = contour.get_paths()
+    assert np.min(np.linalg.norm(path.vertices - np.array(SOURCE[:2]), axis=1)) < 1.0
+
+
+def test_many_ranges_in_space_are_faint() -> None:
+    """More than 50 ranges: one collection of lines in each view."""
+    rows = nlosctl.simulate("box", trials=1)
+    many = pa.concat_tables([rows] * 10)
+    many = many.set_column(many.column_names.index("sensor"), "sensor", pa.array([f"s{k}" for k in range(len(many))]))
+    for axes in nlosctl.plot(many, dimensions=3).figure.axes[:2]:
+        (lines,) = [drawn for drawn in axes.collections if isinstance(drawn, LineCollection)]
+        assert 0 < len(lines.get_segments()) <= len(many)
+        assert "range, direct" in str(axes.get_legend_handles_labels()[1])
+
+
+def test_azimuths_alone_are_rays_of_the_plan() -> None:
+    """Rows without an elevation have the direction of their azimuth in the plan, and no line in the elevation."""
+    rows = nlosctl.simulate("space-ring", trials=1)
+    empty = pa.nulls(rows.num_rows, pa.float64())
+    alone = rows.set_column(rows.column_names.index("elevation_rad"), "elevation_rad", empty)
+    picture = nlosctl.plot(alone, dimensions=3)
+    plan, side = picture.figure.axes[:2]
+    rays = np.array([line.get_xydata() for line in plan.lines if len(line.get_xdata()) == 3])
+    leg = rays[:, 2] - rays[:, 0]
+    turn = np.arctan2(leg[:, 1], leg[:, 0]) - np.array(rows["bearing_rad"])
+    np.testing.assert_allclose(np.sin(0.5 * turn), 0.0, atol=1e-12)
+    assert not [line for line in side.lines if len(line.get_xdata()) == 3]
+    assert picture.notes == (f"{rows.num_rows} rows without an elevation are half-planes: in the plan alone",)
+
+
+def test_azimuths_alone_by_mirrors_follow_vertical_ones() -> None:
+    """A vertical plane reflects in the plan, a floor does not; rows by a tilted plane are noted."""
+    mirrors = (
+        PlaneReflector(name="wall", point=(100.0, 0.0, 0.0), normal=(2.0, 0.0, 0.0)),
+        PlaneReflector(name="floor", point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0)),
+        PlaneReflector(name="roof", point=(0.0, 0.0, 50.0), normal=(0.0, 1.0, 1.0)),
+    )
+    names = [mirror.name for mirror in mirrors]
+    rows = pa.table(
+        {
+            "sensor": names,
+            **{f"sensor_{axis}_m": [value] * 3 for axis, value in zip("xyz", (0.0, 0.0, 5.0), strict=True)},
+            "bearing_rad": [0.1] * 3,
+            "bearing_std_rad": [0.01] * 3,
+            "elevation_rad": pa.nulls(3, pa.float64()),
+            "elevation_std_rad": [0.01] * 3,
+            "reflector": names,
+        }
+    )
+    picture = nlosctl.plot(rows, scene=Scene(reflectors=mirrors), dimensions=3)
+    lines = [line for line in picture.figure.axes[0].lines if line.get_linestyle() != "None"]
+    rays = [line.get_xydata() for line in lines if len(line.get_xdata()) == 3]
+    assert [ray[1].tolist() for ray in rays] == [pytest.approx([100.0, 100.0 * np.tan(0.1)]), [0.0, 0.0]]
+    assert picture.notes[1] == "1 rows without an elevation by tilted planes or spheres are not drawn"
+
+
+def test_estimates_without_heights_are_noted() -> None:
+    """A second file of estimates in the plane is left out of the views of space, and a note names it."""
+    rows = nlosctl.simulate("space-ring", trials=1)
+    picture = nlosctl.plot(
+        rows, nlosctl.localize(rows).estimates, nlosctl.localize(rows, dimensions=2, method="ls").estimates
+    )
+    assert [note for note in picture.notes if note.endswith(": estimates without heights (z_m) are left out")]
+    assert len(drawn_ellipses(picture.figure.axes[0])) == 1
+
+
+def test_reflectors_of_space_among_places_on_earth_are_refused() -> None:
+    """Places on the ellipsoid are drawn in the plane, which has no spheres: an error that names the reflector."""
+    scene = Scene(reflectors=(SphereReflector(name="layer", center=(0.0, 0.0, -6.4e6), radius=6.7e6),))
+    rows = pa.table(
+        {
+            "sensor": ["a"],
+            "sensor_lat_deg": [48.0],
+            "sensor_lon_deg": [11.0],
+            "sensor_height_m": [500.0],
+            "bearing_rad": [0.1],
+            "bearing_std_rad": [0.01],
+            "elevation_rad": [0.2],
+            "elevation_std_rad": [0.01],
+            "reflector": ["layer"],
+        }
+    )
+    with pytest.raises(UsageError, match="reflector 'layer': places on earth in three dimensions"):
+        nlosctl.plot(rows, scene=scene, dimensions=3)

@@ -30,7 +30,7 @@ def errors_in(frame: EarthFrame, position_m: FloatArray, truth_m: FloatArray) ->
 
 
 def from_tangent_plane(frame: EarthFrame, place_m: FloatArray, east_north_m: FloatArray) -> FloatArray:
-    """Return the points (..., 2) of the map that are ``east_north_m`` (..., 2) from a place (3,), horizontally there."""
+    """Return the points (..., 2) of the map ``east_north_m`` (..., 2) from a place (3,), horizontally there."""
     latitude, longitude = places(place_m[:2], frame)
     origin = np.array(to_earth_centred(latitude, longitude, place_m[2]))
     east, north, _ = local_axes(latitude, longitude)

@@ -141,7 +141,8 @@ def _draw_range_by_sphere(
     points[..., coordinates(seen)] = np.stack([right, up], axis=-1)
     length = path_lengths_by_sphere(row_positions(measured, "sensor", 3)[row], sphere, points)
     look, level = ROW_LOOKS[kind], float(measured.columns["range_m"][row])
-    if np.nanmin(length, initial=np.inf) < level < np.nanmax(length, initial=-np.inf):
+    known = length[np.isfinite(length)]
+    if known.size and known.min() < level < known.max():
         axes.contour(right, up, length, levels=[level], colors=look.color, linewidths=1.1, linestyles=[look.line])
     label = legend_once(set(axes.get_legend_handles_labels()[1]), range_label(look))
     axes.plot([], [], color=look.color, linestyle=look.line, linewidth=1.1, label=label)
