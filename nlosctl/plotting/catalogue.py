@@ -25,8 +25,8 @@ VIEWS: dict[str, View] = {
     for view in (
         View(
             name="scene",
-            shows="one snapshot: sensors, mirrors, bearings with +-1 std, reflected rays, ranges, hyperbolas of arrivals, "
-            "estimates with 95 % ellipses, truth; in space as plan and elevation",
+            shows="one snapshot: sensors, mirrors, bearings with +-1 std, reflected rays, ranges, hyperbolas of "
+            "arrivals, estimates with 95 % ellipses, truth; in space as plan and elevation",
             takes="measurements or flags (bearings, ranges, arrivals), estimates, or both",
             uses=("snapshot", "target_z_m"),
         ),
