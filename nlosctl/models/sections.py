@@ -70,7 +70,7 @@ def range_sections(
 
     They have the coordinate ``depth_m`` on the axis ``across``; the two others are returned. ``reflector`` (N,) indexes
     planes, lines and segments of the scene, -1 for direct paths: then the points are those about the sensor's image
-    that are on the sensor's side. NaN where there are none.
+    that are on the sensor's side. NaN without such points.
     """
     seen = [axis for axis in range(3) if axis != across]
     image = np.stack(unfold_in_planes(scene, reflector, tuple(sensor_m.T))[0], axis=1)
