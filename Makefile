@@ -64,6 +64,7 @@ fixtures: $(RUNTIME) ## make fixtures/ again
 	$(BIN)/python fixtures/builders/build_space.py
 	$(BIN)/python fixtures/builders/build_arrivals.py
 	$(BIN)/python fixtures/builders/build_formats.py
+	$(BIN)/python fixtures/builders/build_arrival_logs.py
 
 benchmark: $(DEV) ## all benchmarks, peers too, to benchmarks/results.md and benchmarks/history/
 	$(BIN)/python benchmarks/run.py

@@ -56,7 +56,7 @@ def _rows(file: ForeignFile, options: AnchorOptions) -> Iterator[Row | BadLine]:
         clockwise = angle if options.sense == "clockwise" else -angle
         epoch_s, time = clock.read(line, cells[options.time], options.time)
         values: dict[str, Any] = {
-            **anchor_values(anchors, cells[options.sensor], clockwise, options.sensor),
+            **anchor_values(anchors, cells[options.sensor], clockwise, time, options.sensor),
             "bearing_std_deg": options.bearing_std_deg,
             "tag": cells[options.tag] if options.tag else None,
             **time,

@@ -20,6 +20,9 @@ __all__ = ["WINDOW_MEANING", "in_epochs", "in_rounds", "parse_window"]
 
 _LONGEST_S = 4.6e12
 
+_SEVERAL = {"range_m", "tdoa_m"}
+"""A snapshot may have several of these measurements of one sensor, under its name."""
+
 
 def parse_window(text: str, owner: str) -> Width:
     """Return the width of windows in microseconds, `ALL` or `AUTO`; raise UsageError for anything else."""
@@ -112,7 +115,7 @@ def _with_snapshots(named: Iterable[tuple[Row, object]]) -> Iterator[Row]:
             snapshot = name
             counts.clear()
         values = {"snapshot": name, **row.values}
-        if "range_m" not in values:
+        if not _SEVERAL & set(values):
             sensor = tuple(values.get(key) for key in ("sensor", "sensor_x_m", "sensor_lat_deg", "sensor_lon_deg"))
             counts[sensor] += 1
             if counts[sensor] > 1:

@@ -15,6 +15,9 @@ __all__ = ["LogTable", "Wide", "open_table"]
 
 _SEPARATORS = (",", "\t", ";")
 
+Record = tuple[int, BadLine | dict[str, str]]
+"""The line of a record, and its cells or its fault."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Wide:
@@ -42,11 +45,11 @@ class Wide:
 
 
 class LogTable:
-    """An open table: its ``columns``, and its records, which are read once."""
+    """An open table: its ``columns``, and its ``records``, a line and cells or a fault, which are read once."""
 
-    def __init__(self, file: ForeignFile, columns: Sequence[str], records: Iterator[tuple[int, object]]) -> None:
-        self.columns = list(columns)
-        self._file, self._records = file, records
+    def __init__(self, file: ForeignFile, columns: Sequence[str], records: Iterator[Record]) -> None:
+        self.columns, self.records = list(columns), records
+        self._file = file
 
     def require(self, wanted: Sequence[str]) -> None:
         """Raise DataError if the header lacks one of the columns."""
@@ -69,11 +72,10 @@ class LogTable:
         sensors = {} if wide is None else wide.names(self.columns, wanted)
         if wide is not None and not sensors:
             raise DataError(f"{self._file.name}: no column fits {wide.pattern!r}. It has: {', '.join(self.columns)}")
-        for line, record in self._records:
+        for line, record in self.records:
             if isinstance(record, BadLine):
                 yield record
                 continue
-            assert isinstance(record, dict)  # noqa: S101 - what the readers below yield
             for column, cells in _narrow(record, sensors, wide):
                 try:
                     row = parse(line, cells)
@@ -136,7 +138,7 @@ def _header(text: str, separator: str, file: ForeignFile) -> list[str]:
         raise DataError(f"{file.name}, line 1: the header can't be read: {unfit.fault}") from None
 
 
-def _split(numbered: Iterator[tuple[int, str]], separator: str, columns: Sequence[str]) -> Iterator[tuple[int, object]]:
+def _split(numbered: Iterator[tuple[int, str]], separator: str, columns: Sequence[str]) -> Iterator[Record]:
     for line, text in numbered:
         try:
             cells = _cells(text, separator)

@@ -57,19 +57,21 @@ def _rows(file: ForeignFile, options: UudfOptions) -> Iterator[Row | BadLine]:
         if len(fields) not in (len(_FIELDS) - 1, len(_FIELDS)):
             raise UnfitError(f"got {len(fields)} fields after {_EVENT}, expected 9, or 10 with the sequence number")
         cells = dict(zip(_FIELDS, fields, strict=False))
+        time = {"time_s": number(fields[8], "timestamp_ms", 0.0) / 1e3}
+        azimuth_deg = number(fields[2], "angle_azimuth", -90.0, 90.0)
         return Row(
             line=line,
-            epoch_s=number(fields[8], "timestamp_ms", 0.0) / 1e3,
+            epoch_s=time["time_s"],
             group=own.group(cells, fields[0]),
             kept=own.kept(cells),
             values={
-                **anchor_values(anchors, fields[6], number(fields[2], "angle_azimuth", -90.0, 90.0), "anchor_id"),
+                **anchor_values(anchors, fields[6], azimuth_deg, time, "anchor_id"),
                 "bearing_std_deg": options.bearing_std_deg,
                 "tag": fields[0],
                 "elevation_deg": number(fields[3], "angle_elevation", -90.0, 90.0),
                 "rssi_dbm": number(fields[1], "rssi_pol1"),
                 "channel": integer(fields[5], "channel", 0, 39),
-                "time_s": number(fields[8], "timestamp_ms", 0.0) / 1e3,
+                **time,
             },
         )
 

@@ -15,6 +15,7 @@ from nlosctl.formats.clock import TIME_TYPES, Clock
 from nlosctl.formats.epochs import WINDOW_MEANING, in_epochs, parse_window
 from nlosctl.formats.fields import number
 from nlosctl.formats.own_fields import OwnFieldOptions, OwnFields
+from nlosctl.formats.scene_sensors import SceneSensors, position_columns
 from nlosctl.formats.tables import Wide, open_table
 
 __all__ = ["FORMAT"]
@@ -51,7 +52,7 @@ def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
     if sum(value is not None for value in (options.std, options.variance, options.range_std_m)) > 1:
         raise UsageError("importer 'uwb' takes only one of the parameters std, variance and range_std_m")
     own, clock = OwnFields(options.group, options.keep), Clock(_SECONDS[options.time_unit])
-    sensors = file.scene.stationary_sensors("importer 'uwb'")
+    sensors = SceneSensors(file)
     metres = _METRES[options.range_unit]
     table = open_table(file)
     time_name = options.time or ("timestamp" if "timestamp" in table.columns else "time")
@@ -71,13 +72,9 @@ def _rows(file: ForeignFile, options: UwbOptions) -> Iterator[Row | BadLine]:
         if not anchor:
             raise UnfitError("empty, expected the name of the anchor", options.anchor)
         epoch_s, time = clock.read(line, cells[time_name], time_name)
-        known = sensors.get(anchor)
-        x, y = known.position if known is not None else (None, None)
         values: dict[str, Any] = {
             "sensor": anchor,
-            "sensor_x_m": x,
-            "sensor_y_m": y,
-            "sensor_z_m": known.z_m if known is not None else None,
+            **(position_columns(sensors.at(anchor, time, options.anchor)) if anchor in sensors else {}),
             "range_m": number(cells[range_name], range_name, 1e-9, LARGEST_NUMBER) * metres,
             "range_std_m": _std(cells, options, metres),
             "tag": cells[options.tag] if options.tag else None,

@@ -17,7 +17,7 @@ from nlosctl import registry
 pytestmark = [pytest.mark.process, pytest.mark.xdist_group("formats_page")]
 
 PAGE = read_page("docs/formats.md")
-SOURCE, HALL = (47.36, 8.58), (47.3765, 8.5485)
+SOURCE, HALL, AIRCRAFT, MEADOW = (47.36, 8.58), (47.3765, 8.5485), (47.15, 8.5507), (47.37671, 8.548685)
 MAPS = {
     "kraken.geojson": (SOURCE, 20.0),
     "aggregator.geojson": (SOURCE, 20.0),
@@ -27,6 +27,8 @@ MAPS = {
     "azimuth.geojson": (SOURCE, 60.0),
     "sound.geojson": (HALL, 12.0),
     "wide.geojson": (HALL, 12.0),
+    "aircraft.geojson": (AIRCRAFT, 70.0),
+    "sounds.geojson": (MEADOW, 20.0),
     "tags.geojson": (HALL, 12.0),
     "anchors.geojson": (HALL, 12.0),
     "ranges.geojson": (HALL, 12.0),
@@ -53,7 +55,7 @@ def test_each_kind_of_log_becomes_a_map(folder: Path, name: str) -> None:
     fixes = [feature for feature in features if feature["properties"]["feature"] == "estimate"]
     points = [feature["geometry"]["coordinates"] for feature in fixes]
     assert points
-    for lon, lat in points:
+    for lon, lat, *_ in points:
         assert pyproj.Geod(ellps="WGS84").inv(lon, lat, source[1], source[0])[2] < within_m
 
 

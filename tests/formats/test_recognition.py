@@ -36,8 +36,14 @@ LOGS = {
     "uwb_ranges.jsonl": "uwb",
     "sionna_paths.npz": "sionna",
     "deepmimo_paths.npz": "deepmimo",
+    "opensky.csv": "opensky",
+    "sounds.csv": "soundfinder",
+    "util_tdoa.csv": "util-tdoa",
 }
-SCENES = {f"array_{letter}.json": f"array_{letter}" for letter in "abc"} | {"azimuth.dat": "azimuth"}
+SCENES = {f"array_{letter}.json": f"array_{letter}" for letter in "abc"} | {
+    name: Path(name).stem for name in ("azimuth.dat", "opensky.csv", "sounds.csv", "util_tdoa.csv")
+}
+BESIDE = {"deepmimo_scenario", "opensky_sensors.csv", "recorders.csv", "anchor_survey.txt"}
 TEXTS = {name: FORMATS / name for name in LOGS if not name.endswith(".npz")}
 
 
@@ -53,10 +59,7 @@ def test_every_importer_has_a_log() -> None:
     """Each built-in importer has a log in the fixtures, and each log there an entry in ``LOGS``."""
     built_in = [entry for entry in registry.format_entries() if entry.distribution == "nlosctl"]
     assert {entry.name for entry in built_in if entry.kind == "import"} == set(LOGS.values())
-    assert {path.name for path in FORMATS.iterdir() if not path.name.endswith(".scene.toml")} == {
-        *LOGS,
-        "deepmimo_scenario",
-    }
+    assert {path.name for path in FORMATS.iterdir() if not path.name.endswith(".scene.toml")} == {*LOGS, *BESIDE}
 
 
 @pytest.mark.parametrize("name", LOGS)

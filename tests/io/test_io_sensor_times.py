@@ -18,6 +18,7 @@ from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.measurements.windows.sensor_times import SensorTimes
 from nlosctl.io.paths.inputs import expand_inputs
 from nlosctl.io.scenes.scene_file import scene_from_toml, scene_to_toml
+from nlosctl.pipeline.convert.importer import Import
 
 HEAD = '[[sensor]]\nname = "A"\nposition = [0, 0]\n'
 HOUR = datetime(2024, 6, 1, 12, tzinfo=UTC)
@@ -237,3 +238,38 @@ def test_a_simulation_refuses_sensors_with_times() -> None:
     scene = scene_from_toml(entry("A", 0.0, end="5") + entry("B", 50.0), "s.toml")
     with pytest.raises(UsageError, match=r"without 'from' and 'to'\. Got sensor 'A'"):
         nlosctl.simulate("bearings", trials=3, scene=scene)
+
+
+@pytest.mark.parametrize(
+    ("importer", "log", "parameters"),
+    [
+        ("uwb", "time,anchor,range\n{early},A,5\n{late},A,6\n", {}),
+        ("anchor-azimuths", "time_s,sensor,azimuth_deg\n{early},A,5\n{late},A,6\n", {}),
+    ],
+)
+@pytest.mark.parametrize("iso", [False, True])
+def test_importers_take_the_entry_of_the_time(
+    tmp_path: Path, importer: str, log: str, parameters: dict[str, str], iso: bool
+) -> None:
+    """Each row of a log has the position that holds at its time; a time without an entry is a bad line."""
+    early, late = ("2024-06-01T11:59:59Z", "2024-06-01T14:00:00+02:00") if iso else ("4.5", "5")
+    (tmp_path / "log.csv").write_text(log.format(early=early, late=late))
+    limit = "2024-06-01T12:00:00Z" if iso else "5"
+    scene = tmp_path / "moved.toml"
+    scene.write_text(entry("A", 10.0, end=limit) + entry("A", 20.0, start=limit))
+    found = Import(importer, parameters, scene_file=str(scene)).read(str(tmp_path / "log.csv")).table
+    assert found["sensor_x_m"].to_pylist() == [10.0, 20.0]
+    scene.write_text(entry("A", 10.0, end=limit))
+    with pytest.raises(DataError, match=r"line 3.*sensor 'A' is not valid at .*; extend its 'from' or 'to'"):
+        Import(importer, parameters, scene_file=str(scene)).read(str(tmp_path / "log.csv"))
+    scene.write_text(entry("A", 10.0, end="5" if iso else "2024-06-01T12:00:00Z"))
+    with pytest.raises(DataError, match=r"the scene limits sensor 'A' by (numbers|date-times)"):
+        Import(importer, parameters, scene_file=str(scene)).read(str(tmp_path / "log.csv"))
+
+
+def test_local_times_of_a_log_and_sensors_with_times(tmp_path: Path) -> None:
+    """A log whose times have no offset can't be compared with the date-times of a scene."""
+    (tmp_path / "log.csv").write_text("time,anchor,range\n2024-06-01T11:00:00,A,5\n")
+    (tmp_path / "scene.toml").write_text(entry("A", 10.0, end="2024-06-01T12:00:00Z"))
+    with pytest.raises(DataError, match=r"without an offset, and the scene limits sensor 'A'"):
+        Import("uwb", {}).read(str(tmp_path / "log.csv"))

@@ -144,6 +144,8 @@ def _array(name: str, cells: list[Any], kind: ColumnType) -> Any:
     if kind == "identifier":
         whole = all(isinstance(cell, int) for cell in cells)
         return pa.array(cells if whole else [None if cell is None else str(cell) for cell in cells])
+    if kind == "exact" and all(isinstance(cell, int) for cell in cells if cell is not None):
+        return pa.array(cells, pa.int64())
     try:
         return pa.array(cells, ARROW_TYPES[kind])
     except (pa.ArrowInvalid, pa.ArrowTypeError, TypeError) as error:

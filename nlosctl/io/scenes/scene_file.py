@@ -37,6 +37,9 @@ SCENE_KEY = b"nlosctl.scene"
 _LONGEST_NAME = 255
 """File systems allow names of so many bytes."""
 
+_NOT_WRITTEN = ("z_m", "on_ellipsoid")
+"""Fields of a scene that are no keys: a height is part of the position, and inputs decide what is on the ellipsoid."""
+
 _IN_METADATA = "the scene in the table's metadata"
 
 
@@ -177,7 +180,7 @@ def _check_names(file: str, key: str, entries: Sequence[Any]) -> None:
 
 
 def scene_to_toml(scene: Scene) -> str:
-    """Return the scene as TOML text that reads back to an equal scene."""
+    """Return the scene as TOML text that reads back to an equal scene, except for `EarthFrame.on_ellipsoid`."""
     kinds = {entry.scene_type: kind for kind, entry in REFLECTOR_KINDS.items()}
     blocks = [] if scene.frame is None else [_block("[frame]", scene.frame)]
     blocks += [_block("[[sensor]]", sensor) for sensor in scene.sensors]
@@ -191,7 +194,7 @@ def _block(head: str, item: Any, **keys: Any) -> str:
         value = getattr(item, field.name)
         if isinstance(item, Sensor) and field.name == "position" and item.z_m is not None:
             value = (*value, item.z_m)
-        if value != field.default and field.name != "z_m":
+        if value != field.default and field.name not in _NOT_WRITTEN:
             keys[TOML_NAMES.get(field.name, field.name)] = value
     return "\n".join([head, *(f"{name} = {_toml_value(value)}" for name, value in keys.items()), ""])
 
