@@ -20,6 +20,7 @@ from nlosctl.contract.options import parse_options
 from nlosctl.contract.results import Solution, is_fix
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError, did_you_mean
+from nlosctl.geometry.exact_sums import ExactSums
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.pipeline.solve.sweeps import SweepWords, refuse_both, swept_options
 
@@ -101,7 +102,9 @@ class MethodTally:
     path per sensor have ``lone_rows`` that take part, of them ``lone_rows_used``, where the method has `alpha`.
     ``tested`` fits have a p-value. ``judged`` rows have a flag with a p-value. In ``missed`` snapshots a random search
     may have had no right initial estimate, with probabilities whose sum is ``miss_probability``. ``further`` estimates
-    are alternatives to a better one.
+    are alternatives to a better one. ``residuals`` are the sums of flag columns by sensor, see
+    `nlosctl.pipeline.solve.sensor_residuals`; None where they are not counted;
+    ``lacks_residuals`` if some parts did not count them.
     """
 
     statuses: Counter[str] = field(default_factory=Counter)
@@ -118,6 +121,8 @@ class MethodTally:
     miss_probability: float = 0.0
     further: int = 0
     verdicts: Counter[str] = field(default_factory=Counter)
+    residuals: dict[str, ExactSums] | None = None
+    lacks_residuals: bool = False
 
     _COUNTED: ClassVar[tuple[str, ...]] = (
         *("tested", "badly_fitted", "rows_used", "rows_of_fixes", "on_edge", "located", "judged"),
@@ -159,7 +164,8 @@ class MethodTally:
     def counts(self) -> dict[str, Any]:
         """Return all counts as plain values, for `take`."""
         counted = {name: getattr(self, name) for name in self._COUNTED}
-        return {**counted, "statuses": dict(self.statuses), "verdicts": dict(self.verdicts)}
+        sums = None if self.residuals is None else {name: own.plain() for name, own in self.residuals.items()}
+        return {**counted, "statuses": dict(self.statuses), "verdicts": dict(self.verdicts), "residuals": sums}
 
     def take(self, counts: Mapping[str, Any]) -> None:
         """Add the counts of another part of the run."""
@@ -167,6 +173,11 @@ class MethodTally:
         self.verdicts.update(counts["verdicts"])
         for name in self._COUNTED:
             setattr(self, name, getattr(self, name) + counts[name])
+        if self.residuals is not None and counts["residuals"] is None:
+            self.residuals, self.lacks_residuals = None, True
+        elif self.residuals is not None:
+            for name, sums in counts["residuals"].items():
+                self.residuals.setdefault(name, ExactSums()).merge(ExactSums.of_plain(sums))
 
     @property
     def total(self) -> int:

@@ -25,6 +25,7 @@ from nlosctl.pipeline.solve.added_columns import ADDED, check_added, further_col
 from nlosctl.pipeline.solve.flat_plane import flat_plane_errors, flat_plane_remarks
 from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
 from nlosctl.pipeline.solve.report import RunReport, method_remarks
+from nlosctl.pipeline.solve.sensor_residuals import add_residuals, counts_residuals, residual_sums
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver
 from nlosctl.pipeline.solve.sweeps import refuse_swept_columns
 from nlosctl.pipeline.solve.target_heights import height_settings, heights_remark, refuse_dimension, with_target_heights
@@ -53,6 +54,8 @@ class MeasurementRun:
         refuse_dimension(runs, reader.dimension, options.field)
         self._optional = self._optional_columns()
         self._layouts = self._wanted_layouts()
+        self._want_flags = "flags" in wanted or any(ADDED[word].needs_flags for word in write.add)
+        self._counts_residuals = counts_residuals(reader.kind, self._runs, write, want_flags=self._want_flags)
         self._solver = ChunkSolver(
             kind=reader.kind,
             scene=reader.scene,
@@ -61,7 +64,7 @@ class MeasurementRun:
             field=options.field,
             block_size=options.block_size,
             alternatives=options.alternatives,
-            want_flags="flags" in wanted or any(ADDED[word].needs_flags for word in write.add),
+            want_flags=self._want_flags or self._counts_residuals,
             want_details=write.details,
             want_trace="trace" in wanted,
         )
@@ -130,13 +133,13 @@ class MeasurementRun:
 
     def add_notes(self, remarks: Sequence[str]) -> None:
         """Add the notes on the counts to the report, after the ``remarks`` of the reader."""
-        advice = self._advice()
+        advice, known = self._advice(), [*self.reader.schema.names, *self.reader.constants]
         self.report.notes += [
             *remarks,
             *(rejoined_remark(self.report.rejoined) if self.report.rejoined else ()),
             *heights_remark(self.reader, self._options),
             *(flat_plane_remarks(self.report.flat_plane) if self.report.flat_plane else ()),
-            *method_remarks(self._runs, self.report, self._known_columns(), self._options, advised=bool(advice)),
+            *method_remarks(self._runs, self.report, known, self._options, advised=bool(advice)),
             *advice,
         ]
 
@@ -146,10 +149,6 @@ class MeasurementRun:
         from nlosctl.pipeline.solve.advice import advice
 
         return advice(self._runs, self.report, self.reader)
-
-    def _known_columns(self) -> list[str]:
-        """Return the columns of the input, and those that a constant replaces."""
-        return [*self.reader.schema.names, *self.reader.constants]
 
     def _optional_columns(self) -> frozenset[str]:
         """Return the optional columns of the estimates; raises UsageError for columns that can't be there."""
@@ -215,7 +214,8 @@ class MeasurementRun:
         if "flags" in self._wanted or "trace" in self._wanted:
             return chunk
         layout = self._layouts["estimates"]
-        sensor = "sensor" if self._options.estimate_std == "sensor" and "sensor" in chunk.table.column_names else ""
+        by_sensor = self._counts_residuals or self._options.estimate_std == "sensor"
+        sensor = "sensor" if by_sensor and "sensor" in chunk.table.column_names else ""
         names = {*layout.carried, layout.measurement_name, sensor} - {""}
         return dataclasses.replace(chunk, table=chunk.table.select(sorted(names)))
 
@@ -250,7 +250,7 @@ class MeasurementRun:
         return RunReport(
             kind=self.reader.kind,
             inputs=[],
-            methods={run.label: MethodTally() for run in self._runs},
+            methods={run.label: MethodTally(residuals=residual_sums(self._counts_residuals)) for run in self._runs},
             learned={run.label: run.learned for run in self._runs if run.learned is not None},
         )
 
@@ -270,6 +270,8 @@ class MeasurementRun:
                 tally.add_estimates(solution.estimates, number)
             if solution.flags and run.spec.job != "localize":
                 tally.add_verdicts(solution.flags[number].columns)
+            if tally.residuals is not None:
+                add_residuals(tally.residuals, chunk, solution, number, self.reader.kind)
         self._count_lone_rows(chunk, solution, report)
         suspect = any(report.methods[run.label].mostly_bad for run in self._runs if run.spec.job != "identify-los")
         if suspect and self.reader.dimension == 2:

@@ -172,9 +172,9 @@ class _Residuals:
         sums = ExactSums()
         codes, names = sensor_texts(chunk)
         factors = {number: _row_factors(run, chunk) for number, run, _ in self.runs}
-        for number, _, by_sensor in self.runs:
-            for name in names if by_sensor else ():
-                sums.add((number, name), np.zeros((1, 2)))
+        keys = {number: [(number, name) for name in names] if by_sensor else [] for number, _, by_sensor in self.runs}
+        for own in keys.values():
+            sums.add_groups(own, np.empty(0, dtype=np.int64), np.empty((0, 2)))
         for row, batch in pass_batches(chunk, self.kind, self.scene, self.options):
             for number, run, by_sensor in self.runs:
                 if row.shape[1] < run.spec.minimum_measurements:
@@ -182,9 +182,8 @@ class _Residuals:
                 if not by_sensor:
                     sums.add((number, None), _file_sums(run, batch))
                     continue
-                squares, degrees = _row_sums(run, batch, factors[number][row])
-                for key, values in _by_sensor(codes[row], squares, degrees):
-                    sums.add((number, names[key]), values)
+                pairs = np.stack(_row_sums(run, batch, factors[number][row]), axis=-1).reshape(-1, 2)
+                sums.add_groups(keys[number], codes[row].ravel(), pairs)
         return sums
 
 
@@ -193,16 +192,6 @@ def _row_factors(run: MethodRun, chunk: Chunk) -> FloatArray:
     rows = run.std.row_factors(chunk) if run.std is not None else None
     file = None if run.std is None else run.std.file
     return np.full(chunk.left_out.shape, 1.0 if file is None else file.value) if rows is None else rows[0]
-
-
-def _by_sensor(codes: IntArray, *values: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-    """Yield each code with the values (n, 2) of its rows."""
-    order = np.argsort(codes, axis=None, kind="stable")
-    flat = codes.ravel()[order]
-    starts = np.flatnonzero(np.diff(flat, prepend=-2))
-    columns = np.stack([value.ravel()[order] for value in values], axis=1)
-    for start, stop in zip(starts, np.append(starts[1:], flat.size), strict=True):
-        yield int(flat[start]), columns[start:stop]
 
 
 def _file_sums(run: MethodRun, batch: Any) -> FloatArray:
