@@ -15,8 +15,8 @@ from scipy.stats import chi2, kstest
 import nlosctl
 from nlosctl.contract.results import Estimates
 from nlosctl.contract.statuses import Status
-from nlosctl.evaluation.fit_p_values import chi_square_p_value, fit_p_values
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.pipeline.solve.report import chi_square_p_value, fit_p_values
 
 SEED = 18
 

@@ -191,3 +191,18 @@ def _statistics(run: MethodRun, batch: Any) -> FloatArray:
     if np.ndim(values) != 2 or len(values) != batch.size or not np.isfinite(values).all():
         raise MethodError(f"method {run.spec.name!r} returned statistics that are not finite numbers of each snapshot")
     return values
+
+
+def learned_remarks(learned_options: Mapping[str, LearnedOptions]) -> list[str]:
+    """Return the lines of the summary on the options that were estimated, by the label of the run."""
+    notes = []
+    for label, learned in learned_options.items():
+        passes = f"in {learned.passes} passes over the input"
+        for name, value in learned.values.items():
+            found = (
+                f"{name} = {value}, estimated" if value is not None else f"the input is too short to estimate {name}"
+            )
+            notes.append(f"{label}: {found}" + (f" {passes}" if value is not None else ""))
+        if not learned.settled:
+            notes.append(f"{label}: these values had not settled {passes}: they may be inaccurate")
+    return notes

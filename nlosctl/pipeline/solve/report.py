@@ -8,16 +8,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+import numpy as np
+from scipy.special import erfc, gammaincc
+
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.fields import Field, PolygonField, SensorsField
+from nlosctl.contract.results import Estimates, has_covariance
 from nlosctl.contract.run_options import SolveOptions
 from nlosctl.contract.statuses import Status
 from nlosctl.io.measurements.windows.window_tally import window_remarks
 from nlosctl.pipeline.solve.method_runs import STATUS_WORDS, LearnedOptions, MethodRun, MethodTally, unused_columns
 from nlosctl.version import __version__
 
-__all__ = ["MethodTally", "RunReport", "method_remarks"]
+__all__ = ["MethodTally", "RunReport", "chi_square_p_value", "fit_p_values", "method_remarks"]
 
 _NEARLY_ALL = 0.9995
+_CLOSED_FORM_DEGREES = 40
+_CERTAIN = 800.0
+"""Half a chi-square at which every p-value of few degrees of freedom is below the smallest number."""
 
 
 @dataclass
@@ -124,19 +132,57 @@ class RunReport:
                 }
                 for name, tally in self.methods.items()
             },
-            **({} if self._sensors is None else {"sensors": self._sensors}),
+            **self._sensors(),
             "notes": self.notes,
         }
 
-    @property
-    def _sensors(self) -> list[dict[str, Any]] | None:
-        """The mean residuals of the sensors by each method; None where they are not counted."""
-        tallies = {name: tally.residuals for name, tally in self.methods.items() if tally.residuals is not None}
-        if len(tallies) < len(self.methods) or not tallies:
-            return None
+    def _sensors(self) -> dict[str, Any]:
+        if all(tally.residuals is None for tally in self.methods.values()):
+            return {}
         from nlosctl.pipeline.solve.sensor_residuals import sensor_entries
 
-        return [entry for name, sums in tallies.items() for entry in sensor_entries(name, sums)]
+        return {"sensors": sensor_entries(self.methods)}
+
+
+def fit_p_values(estimates: Estimates) -> FloatArray:
+    """Return the p-value (E,) of each fit by its chi-square; NaN without spare scalars or without a covariance.
+
+    A fix on the boundary has none: it is not the optimum that the degrees of freedom are those of. An infeasible one
+    is the free optimum, whose residuals do not depend on where it is.
+    """
+    if estimates.chi_square is None or estimates.degrees_of_freedom is None:
+        return np.full(estimates.status.shape, np.nan)
+    p_value = chi_square_p_value(estimates.chi_square, estimates.degrees_of_freedom)
+    return np.where(has_covariance(estimates.status), p_value, np.nan)
+
+
+def chi_square_p_value(chi_square: FloatArray, degrees: IntArray) -> FloatArray:
+    """Return the probability (E,) that a chi-square with ``degrees`` is at least so large; NaN for less than one.
+
+    In closed form up to 40 degrees of freedom: exp(-z) times a sum of powers of z, half the chi-square, and
+    erfc(sqrt(z)) for odd degrees (Abramowitz, Stegun, 26.4.4 and 26.4.5): ten times as fast as the incomplete gamma
+    function.
+    """
+    p_value = np.full(chi_square.shape, np.nan)
+    for count in np.flatnonzero(np.bincount(np.clip(degrees, 0, _CLOSED_FORM_DEGREES + 1))):
+        mine = degrees == count if count <= _CLOSED_FORM_DEGREES else degrees > _CLOSED_FORM_DEGREES
+        half = np.maximum(0.5 * chi_square[mine], 0.0)  # a fit by rounding may be better than perfect
+        if count > _CLOSED_FORM_DEGREES:
+            p_value[mine] = gammaincc(0.5 * degrees[mine], half)
+        elif count > 0:
+            p_value[mine] = _closed_form(int(count), np.minimum(half, _CERTAIN))
+    return p_value
+
+
+def _closed_form(degrees: int, half: FloatArray) -> FloatArray:
+    root = np.sqrt(half)
+    tail = erfc(root) if degrees % 2 else 0.0
+    power = 2.0 * root / np.sqrt(np.pi) if degrees % 2 else np.ones(half.shape)
+    total = np.zeros(half.shape)
+    for term in range(degrees // 2):
+        total += power
+        power = power * (half / (term + (1.5 if degrees % 2 else 1.0)))
+    return np.asarray(np.minimum(tail + np.exp(-half) * total, 1.0))
 
 
 def method_remarks(
@@ -152,7 +198,7 @@ def method_remarks(
         *_edge_remarks(runs, report, options.field, advised=advised),
         *_misses(report),
         *_own_remarks(runs),
-        *_estimated_options(report),
+        *(_estimated_options(report) if report.learned else ()),
         *(line for run in runs if run.std is not None for line in run.std.remarks(run, report, columns)),
         *_half_ranges(runs),
         *_outlier_shares(runs, report),
@@ -209,21 +255,9 @@ def _own_remarks(runs: Sequence[MethodRun]) -> list[str]:
 
 
 def _estimated_options(report: RunReport) -> list[str]:
-    notes = []
-    for label, learned in report.learned.items():
-        passes = f"in {learned.passes} passes over the input"
-        for name, value in learned.values.items():
-            found = (
-                f"{name} = {value}, estimated" if value is not None else f"the input is too short to estimate {name}"
-            )
-            notes.append(f"{label}: {found}" + (f" {passes}" if value is not None else ""))
-        if not learned.settled:
-            notes.append(f"{label}: these values had not settled {passes}: they may be inaccurate")
-    return notes
+    from nlosctl.pipeline.solve.learned_options import learned_remarks
 
-
-def _fits(report: RunReport) -> str:
-    return "fits" if report.kind == "triplets" else "snapshots"
+    return learned_remarks(report.learned)
 
 
 def _half_ranges(runs: Sequence[MethodRun]) -> list[str]:
@@ -246,14 +280,11 @@ def _outlier_shares(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
 
 
 def _sensors_off(report: RunReport) -> list[str]:
-    counted = {name: tally.residuals for name, tally in report.methods.items() if tally.residuals is not None}
-    if any(tally.lacks_residuals for tally in report.methods.values()):
-        return ["no mean residuals of sensors: a part of the results is of an earlier run, without `report`"]
-    if not counted:
+    if not any(tally.residuals or tally.lacks_residuals for tally in report.methods.values()):
         return []
-    from nlosctl.pipeline.solve.sensor_residuals import sensor_remark
+    from nlosctl.pipeline.solve.sensor_residuals import sensor_remarks
 
-    return [line for name, sums in counted.items() for line in sensor_remark(name, report.kind, sums)]
+    return sensor_remarks(report.kind, report.methods)
 
 
 def _bad_fits(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
@@ -261,8 +292,9 @@ def _bad_fits(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
     if bad:
         from nlosctl.pipeline.solve.advice import offers_mixture
     advice = "; try `method` mixture-ml" if bad and offers_mixture(runs, report) else ""
+    fits = "fits" if report.kind == "triplets" else "snapshots"
     return [
-        f"{name} fits badly: in {tally.badly_fitted} of {tally.tested} {_fits(report)} the residuals are larger than "
+        f"{name} fits badly: in {tally.badly_fitted} of {tally.tested} {fits} the residuals are larger than "
         f"their standard deviations explain{advice}"
         for name, tally in bad
     ]

@@ -25,7 +25,7 @@ from nlosctl.pipeline.solve.added_columns import ADDED, check_added, further_col
 from nlosctl.pipeline.solve.flat_plane import flat_plane_errors, flat_plane_remarks
 from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
 from nlosctl.pipeline.solve.report import RunReport, method_remarks
-from nlosctl.pipeline.solve.sensor_residuals import add_residuals, counts_residuals, residual_sums
+from nlosctl.pipeline.solve.sensor_residuals import add_residuals
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver
 from nlosctl.pipeline.solve.sweeps import refuse_swept_columns
 from nlosctl.pipeline.solve.target_heights import height_settings, heights_remark, refuse_dimension, with_target_heights
@@ -54,8 +54,9 @@ class MeasurementRun:
         refuse_dimension(runs, reader.dimension, options.field)
         self._optional = self._optional_columns()
         self._layouts = self._wanted_layouts()
-        self._want_flags = "flags" in wanted or any(ADDED[word].needs_flags for word in write.add)
-        self._counts_residuals = counts_residuals(reader.kind, self._runs, write, want_flags=self._want_flags)
+        want_flags = "flags" in wanted or any(ADDED[word].needs_flags for word in write.add)
+        of_sensors = reader.kind != "triplets" and all(run.spec.job == "localize" for run in self._runs)
+        self._counts_residuals = of_sensors and (want_flags or write.report is not None or reader.kind == "arrivals")
         self._solver = ChunkSolver(
             kind=reader.kind,
             scene=reader.scene,
@@ -64,7 +65,7 @@ class MeasurementRun:
             field=options.field,
             block_size=options.block_size,
             alternatives=options.alternatives,
-            want_flags=self._want_flags or self._counts_residuals,
+            want_flags=want_flags or self._counts_residuals,
             want_details=write.details,
             want_trace="trace" in wanted,
         )
@@ -250,7 +251,7 @@ class MeasurementRun:
         return RunReport(
             kind=self.reader.kind,
             inputs=[],
-            methods={run.label: MethodTally(residuals=residual_sums(self._counts_residuals)) for run in self._runs},
+            methods={run.label: MethodTally(residuals={} if self._counts_residuals else None) for run in self._runs},
             learned={run.label: run.learned for run in self._runs if run.learned is not None},
         )
 

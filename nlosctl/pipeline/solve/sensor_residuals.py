@@ -7,23 +7,22 @@ zero: more than half of the scatter of its residuals, and more than six standard
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray
-from nlosctl.contract.run_options import OutputOptions
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.exact_sums import ExactSums
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.measurements.sensor_texts import sensor_texts
 from nlosctl.io.results.layouts import ChunkEstimates
-from nlosctl.pipeline.solve.method_runs import MethodRun
+from nlosctl.pipeline.solve.method_runs import MethodTally
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolution
 
-__all__ = ["Residuals", "add_residuals", "counts_residuals", "residual_sums", "sensor_entries", "sensor_remark"]
+__all__ = ["Residuals", "add_residuals", "sensor_entries", "sensor_remarks"]
 
 Residuals = dict[str, ExactSums]
 """By flag column: number, sum and sum of squares of the residuals, by the name of the sensor."""
@@ -48,20 +47,6 @@ class _SensorMean:
         """Whether chance does not explain the mean, and it matters beside the scatter."""
         error = self.std / math.sqrt(self.rows)
         return abs(self.mean) > max(_LEAST_SCATTER * self.std, _LEAST_ERRORS * error)
-
-
-def counts_residuals(kind: str, runs: Sequence[MethodRun], write: OutputOptions, *, want_flags: bool) -> bool:
-    """Return whether a run counts residuals: where it makes flags, for a report, and always of arrival times.
-
-    Flags of the other kinds take time.
-    """
-    localizes = all(run.spec.job == "localize" for run in runs)
-    return kind in _CAUSES and localizes and (want_flags or write.report is not None or kind == "arrivals")
-
-
-def residual_sums(counted: bool) -> Residuals | None:
-    """Return the sums of a run that has not started, None if nothing is counted."""
-    return {} if counted else None
 
 
 def add_residuals(sums: Residuals, chunk: Chunk, solution: ChunkSolution, method: int, kind: str) -> None:
@@ -94,29 +79,34 @@ def _counted_rows(chunk: Chunk, estimates: ChunkEstimates, method: int, kind: st
     return rows
 
 
-def sensor_entries(method: str, sums: Residuals) -> list[dict[str, Any]]:
-    """Return the entries of a method's sensors in the report: a dict for each sensor, by name."""
-    entries: dict[str, dict[str, Any]] = {}
-    for mean in _means(sums):
-        entry = entries.setdefault(mean.name, {"method": method, "name": mean.name, "rows": mean.rows})
-        unit = _COLUMNS[mean.column]
-        stem = mean.column.removesuffix(f"_{unit}")
-        entry[f"{stem}_mean_{unit}"] = mean.mean
-        entry[f"{stem}_std_{unit}"] = None if math.isnan(mean.std) else mean.std
-    return [entries[name] for name in sorted(entries)]
+def sensor_entries(tallies: Mapping[str, MethodTally]) -> list[dict[str, Any]]:
+    """Return the entries of the report: a dict for each method and sensor, by name."""
+    entries: dict[tuple[str, str], dict[str, Any]] = {}
+    for method, tally in tallies.items():
+        for mean in sorted(_means(tally.residuals or {}), key=lambda mean: mean.name):
+            entry = entries.setdefault((method, mean.name), {"method": method, "name": mean.name, "rows": mean.rows})
+            unit = _COLUMNS[mean.column]
+            stem = mean.column.removesuffix(f"_{unit}")
+            entry[f"{stem}_mean_{unit}"] = mean.mean
+            entry[f"{stem}_std_{unit}"] = None if math.isnan(mean.std) else mean.std
+    return list(entries.values())
 
 
-def sensor_remark(method: str, kind: str, sums: Residuals) -> list[str]:
-    """Return a line that names the sensor with the largest of the means that are far from zero; empty without one."""
-    far = [entry for entry in _means(sums) if entry.is_far_from_zero]
-    if not far:
-        return []
-    worst = max(far, key=lambda entry: (abs(entry.mean), entry.name))
-    others = f" ({len(far) - 1} other means are far from zero too)" if len(far) > 1 else ""
-    return [
-        f"{method}: the residuals of sensor {worst.name!r} are {_shown(worst)} on average over {worst.rows} rows: "
-        f"{_CAUSES[kind]} or its position may be wrong{others}"
-    ]
+def sensor_remarks(kind: str, tallies: Mapping[str, MethodTally]) -> list[str]:
+    """Return a line for each method that names the sensor with the largest of the means that are far from zero."""
+    if any(tally.lacks_residuals for tally in tallies.values()):
+        return ["no mean residuals of sensors: a part of the results is of an earlier run, without `report`"]
+    lines = []
+    for method, tally in tallies.items():
+        far = [entry for entry in _means(tally.residuals or {}) if entry.is_far_from_zero]
+        if far:
+            worst = max(far, key=lambda entry: (abs(entry.mean), entry.name))
+            others = f" ({len(far) - 1} other means are far from zero too)" if len(far) > 1 else ""
+            lines.append(
+                f"{method}: the residuals of sensor {worst.name!r} are {_shown(worst)} on average over {worst.rows} "
+                f"rows: {_CAUSES[kind]} or its position may be wrong{others}"
+            )
+    return lines
 
 
 def _means(sums: Residuals) -> Iterator[_SensorMean]:

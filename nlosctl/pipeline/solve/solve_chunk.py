@@ -18,7 +18,6 @@ from nlosctl.contract.results import Flags, Solution, Trace, no_estimates
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import MethodError, NlosctlError, in_one_line
-from nlosctl.evaluation.fit_p_values import fit_p_values
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.io.results.measurement_layouts import ChunkTrace, chunk_trace
@@ -33,6 +32,7 @@ from nlosctl.pipeline.solve.reference_rows import (
     with_reference_row,
     without_reference_row,
 )
+from nlosctl.pipeline.solve.report import fit_p_values
 from nlosctl.pipeline.solve.target_heights import by_height
 
 __all__ = ["ChunkSolution", "ChunkSolver", "dense_batch", "dense_blocks", "keep_freed_memory"]
