@@ -246,3 +246,36 @@ def test_reflectors_of_space_among_places_on_earth_are_refused() -> None:
     )
     with pytest.raises(UsageError, match="reflector 'layer': places on earth in three dimensions"):
         nlosctl.plot(rows, scene=scene, dimensions=3)
+
+
+def test_estimates_in_space_have_plan_and_elevation() -> None:
+    """Each method has two panels with its fixes, and numpy's marginal ellipses in both."""
+    rows = nlosctl.simulate("space-ring", trials=3)
+    fixes = nlosctl.localize(rows, method=["ml", "stansfield"]).estimates
+    panels = nlosctl.plot(fixes, view="estimates").figure.axes
+    names = [f"{method} (3), {view}" for method in ("ml", "stansfield") for view in ("plan", "elevation")]
+    assert [axes.get_title() for axes in panels] == names
+    own = [row for row in fixes.to_pylist() if row["method"] == "ml"]
+    for axes in panels[:2]:
+        seen = axes.get_xlabel()[0] + axes.get_ylabel()[0]
+        assert len(drawn_ellipses(axes)) == len(own) == 3
+        for ellipse, row in zip(drawn_ellipses(axes), own, strict=True):
+            assert_marginal_ellipse(ellipse, row, seen)
+
+
+def test_echoes_in_space_are_circles_through_their_target() -> None:
+    """Noise-free echoes of one target: every circle of both views passes through the estimate."""
+    rows = exact_ranges(Scene()).drop_columns(["reflector"])
+    flags = rows.append_column("target", pa.array([0] * rows.num_rows))
+    flags = flags.append_column("los", pa.array([True] * rows.num_rows))
+    fix = {"snapshot": 0, "method": "assignment", "target": 0, "alternative": 0, "status": "ok", "cost": 0.0}
+    fix |= {"n_measurements": 3, "n_used": 3, **{f"{axis}_m": value for axis, value in zip("xyz", SOURCE, strict=True)}}
+    fix |= {f"cov_{pair}_m2": float(pair[0] == pair[1]) for pair in ("xx", "xy", "yy", "xz", "yz", "zz")}
+    panels = nlosctl.plot(flags, pa.Table.from_pylist([fix]), view="echoes", dimensions=3).figure.axes
+    for axes in panels[:2]:
+        seen = ["xyz".index(label[0]) for label in (axes.get_xlabel(), axes.get_ylabel())]
+        circles = [patch for patch in axes.patches if isinstance(patch, Circle)]
+        assert len(circles) == 3
+        for circle in circles:
+            away = np.linalg.norm(np.array(circle.center) - np.array(SOURCE)[seen])
+            assert away == pytest.approx(circle.radius, rel=1e-9)

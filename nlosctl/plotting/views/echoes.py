@@ -1,18 +1,34 @@
-"""Ranges of one snapshot as circles about their sensors, styled by the target that ``identify-los`` assigned."""
+"""Ranges of one snapshot as circles about their sensors, styled by the target that ``identify-los`` assigned.
+
+In space plan and elevation have the circles in which each sphere meets the plane through its target.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
+from nlosctl.arrays import FloatArray
 from nlosctl.io.results.plot_inputs import PlotSnapshot
 from nlosctl.plotting.figures import figure_style, series_style
-from nlosctl.plotting.library import Axes
+from nlosctl.plotting.library import Axes, Circle
 from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors, legend_once
 from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.views.close_ups import draw_with_close_up
 from nlosctl.plotting.views.measured_rows import first_measurements, horizontal_ranges, row_positions, sensor_positions
 from nlosctl.plotting.views.scene import draw_range
-from nlosctl.plotting.views.snapshot_rows import draw_estimates_of_snapshot, draw_truth, estimate_rows_of
+from nlosctl.plotting.views.snapshot_rows import (
+    Columns,
+    draw_estimates_of_snapshot,
+    draw_truth,
+    estimate_rows_of,
+    positions_of,
+)
+from nlosctl.plotting.views.two_views import across, coordinates, draw_plan_and_elevation, seen_reflectors
 
 __all__ = ["draw_echo_view"]
 
@@ -25,29 +41,71 @@ def draw_echo_view(request: PlotRequest) -> Picture:
     measured = first_measurements(request)
     assert measured is not None  # noqa: S101 - only such files have this view
     _, estimates = estimate_rows_of(request.of("estimates"), measured.id)
-    names, sensors = sensor_positions(measured)
+    scene, title = measured.scene, f"Snapshot {measured.id}"
+    curved = scene.frame is not None and scene.frame.on_ellipsoid
+    in_space = measured.dimension == 3 and not curved and all("z_m" in columns for _, columns in estimates)
+    names, sensors = sensor_positions(measured, 3 if in_space else 2)
 
-    def draw(axes: Axes) -> tuple[Extent, Extent, list[str]]:
+    def draw(axes: Axes, seen: str = "xy") -> tuple[Extent, Extent, list[str]]:
         extent = Extent()
-        extent.include(sensors)
-        draw_truth(axes, measured.file_columns, extent)
-        notes = draw_estimates_of_snapshot(axes, estimates, extent)
-        draw_reflectors(axes, measured.scene.reflectors)
-        draw_sensors(axes, names, sensors)
-        notes += _draw_circles(axes, measured, request.target_z_m, extent, whole=not estimates)
-        return extent, Extent(), notes
+        extent.include(sensors[:, coordinates(seen)])
+        draw_truth(axes, measured.file_columns, extent, seen)
+        notes = draw_estimates_of_snapshot(axes, estimates, extent, seen)
+        draw_reflectors(axes, seen_reflectors(scene.reflectors, seen) if in_space else scene.reflectors)
+        draw_sensors(axes, names, sensors[:, coordinates(seen)])
+        if in_space:
+            radii, more = _section_radii(measured, estimates, seen, request.target_z_m)
+            draw_row = partial(_draw_section, axes, row_positions(measured, "sensor", 3)[:, coordinates(seen)])
+        else:
+            radii, more = horizontal_ranges(measured, request.target_z_m)
+            draw_row = partial(draw_range, axes, measured)
+        return extent, Extent(), notes + more + _draw_circles(measured, radii, draw_row, extent, whole=not estimates)
 
-    return draw_with_close_up(request, draw, f"Snapshot {measured.id}", measured.scene.frame)
+    if in_space:
+        return draw_plan_and_elevation(request, draw, title, scene.frame)
+    return draw_with_close_up(request, draw, title, scene.frame)
+
+
+def _targets(measured: PlotSnapshot) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Return the target (K,) of each echo, and whether it is a direct one."""
+    size = len(measured.sensor)
+    target = np.asarray(measured.file_columns.get("target", np.full(size, np.nan)), dtype=np.float64)
+    return target, (measured.file_columns.get("los", np.zeros(size)) == 1) & ~np.isnan(target)
+
+
+def _section_radii(
+    measured: PlotSnapshot, estimates: Sequence[tuple[str, Columns]], seen: str, target_z_m: float | None
+) -> tuple[FloatArray, list[str]]:
+    """Return the radii (K,) of the circles of a view, NaN where an echo has none, and notes.
+
+    A circle is at the third coordinate of the echo's target, else of the first one; in the plan at ``target_z_m``, if
+    given.
+    """
+    axis, (target, _) = across(seen), _targets(measured)
+    depth = np.full(target.shape, np.nan if axis != "z" or target_z_m is None else target_z_m)
+    for _, columns in estimates if np.isnan(depth).all() else ():
+        (place,) = positions_of(columns, f"{axis}_m").T
+        found = np.flatnonzero(np.isfinite(place))
+        for row in found:
+            depth = np.where(np.isnan(depth) & (target == columns["target"][row]), place[row], depth)
+        depth = np.where(np.isnan(depth), place[found[0]], depth) if found.size else depth
+    if np.isnan(depth).all():
+        cure = ", or `target_z_m`" if axis == "z" else ""
+        return depth, [f"no circles in the view of {seen[0]} and {seen[1]}: their {axis} is an estimate's{cure}"]
+    squared = measured.columns["range_m"] ** 2 - (measured.columns[f"sensor_{axis}_m"] - depth) ** 2
+    radii = np.sqrt(np.where(squared < 0.0, np.nan, squared))
+    return radii, [f"the circles are sections at the {axis} of their targets, of other echoes at that of the first"]
+
+
+def _draw_section(axes: Axes, sensor: FloatArray, row: int, radius: float, **look: Any) -> None:
+    axes.add_patch(Circle((float(sensor[row, 0]), float(sensor[row, 1])), radius, fill=False, **look))
 
 
 def _draw_circles(
-    axes: Axes, measured: PlotSnapshot, target_z_m: float | None, extent: Extent, *, whole: bool
+    measured: PlotSnapshot, radii: FloatArray, draw_row: Any, extent: Extent, *, whole: bool
 ) -> list[str]:
     """Draw each echo, direct ones in the style of their target; ``whole`` includes direct circles in the extent."""
-    radii, notes = horizontal_ranges(measured, target_z_m)
-    sensor = row_positions(measured)
-    target = measured.file_columns.get("target", np.full(sensor.shape[0], np.nan))
-    direct = (measured.file_columns.get("los", np.zeros(sensor.shape[0])) == 1) & ~np.isnan(target)
+    sensor, (target, direct) = row_positions(measured), _targets(measured)
     order = np.lexsort((np.where(direct, target, 0.0), direct))
     labels: set[str] = set()
     for row in order[np.isfinite(radii[order])]:
@@ -59,7 +117,7 @@ def _draw_circles(
         else:
             label = "other echo"
             style = {"edgecolor": "#b8b8b8", "linestyle": (0, (1.0, 2.0)), "linewidth": 0.8, "zorder": 1.5}
-        draw_range(axes, measured, row, radius, label=legend_once(labels, label), **style)
+        draw_row(row, radius, label=legend_once(labels, label), **style)
         if whole and direct[row]:
             extent.include(sensor[row][None], radius)
-    return notes if direct.any() else [*notes, "no echo is assigned to a target"]
+    return [] if direct.any() else ["no echo is assigned to a target"]

@@ -18,6 +18,7 @@ from nlosctl.plotting.texts import plain
 
 __all__ = [
     "Columns",
+    "covariances_of",
     "draw_estimates_of_snapshot",
     "draw_truth",
     "estimate_rows_of",
@@ -58,12 +59,11 @@ def draw_estimates_of_snapshot(
 
     ``seen`` are the two coordinates of the panel; the ellipse is that of their marginal covariance.
     """
-    right, up = seen[0], seen[1]
     notes = []
     style = 0
     for prefix, columns in estimates:
-        position = positions_of(columns, f"{right}_m", f"{up}_m")
-        covariance = np.stack([_numbers(columns, f"cov_{pair}_m2") for pair in (2 * right, right + up, 2 * up)], axis=1)
+        position = positions_of(columns, *(f"{axis}_m" for axis in seen))
+        covariance = covariances_of(columns, seen)
         degrees = _numbers(columns, "std_dof") if "std_dof" in columns else np.full(position.shape[0], np.nan)
         labels = np.array(labels_of_rows(columns, position.shape[0], prefix), dtype=object)
         best = _numbers(columns, "alternative") == 0.0
@@ -131,9 +131,15 @@ def fixes_of(columns: Columns) -> npt.NDArray[np.bool_]:
     return ~np.isin(columns["status"], [status.word for status in Status if not status.is_fix])
 
 
-def positions_of(columns: Columns, x: str, y: str) -> FloatArray:
-    """Return two columns as points (N, 2); raise DataError if they are not numeric."""
-    return np.stack([_numbers(columns, x), _numbers(columns, y)], axis=1)
+def positions_of(columns: Columns, *names: str) -> FloatArray:
+    """Return D columns as points (N, D); raise DataError if they are not numeric."""
+    return np.stack([_numbers(columns, name) for name in names], axis=1)
+
+
+def covariances_of(columns: Columns, seen: str = "xy") -> FloatArray:
+    """Return the marginal covariances (N, 3) of two coordinates of estimates: of the first, both, and the second."""
+    right, up = seen[0], seen[1]
+    return np.stack([_numbers(columns, f"cov_{pair}_m2") for pair in (2 * right, right + up, 2 * up)], axis=1)
 
 
 def _numbers(columns: Columns, name: str) -> FloatArray:

@@ -12,14 +12,21 @@ from nlosctl.contract.scene import Scene
 from nlosctl.io.results.plot_inputs import PlotSnapshot
 from nlosctl.plotting.figures import figure_style, new_figure
 from nlosctl.plotting.library import Axes
-from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors, scene_sensors
+from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors
 from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.views.many_rows import MANY_ROWS, draw_tracks
 from nlosctl.plotting.views.measured_rows import first_measurements, row_kinds, row_positions, sensor_positions
 from nlosctl.plotting.views.scene import draw_in_plane
 from nlosctl.plotting.views.snapshot_rows import Columns, draw_estimates_of_snapshot, draw_truth, estimate_rows_of
 from nlosctl.plotting.views.space_rows import draw_rays, draw_sections, trace_rays
-from nlosctl.plotting.views.two_views import VIEWS, across, coordinates, draw_plan_and_elevation, seen_reflectors
+from nlosctl.plotting.views.two_views import (
+    VIEWS,
+    across,
+    coordinates,
+    draw_plan_and_elevation,
+    scene_positions,
+    seen_reflectors,
+)
 
 __all__ = ["draw_scene_view"]
 
@@ -70,7 +77,8 @@ class _Snapshot:
             position = row_positions(self.measured, "sensor", 3)[:, coordinates(seen)]
             draw_tracks(axes, self.measured.sensor, position)
         else:
-            names, sensors = _sensors_of(self.scene, self.measured)
+            measured = self.measured
+            names, sensors = scene_positions(self.scene) if measured is None else sensor_positions(measured, 3)
             position = sensors[:, coordinates(seen)]
             draw_sensors(axes, names, position)
         extent.include(position)
@@ -87,14 +95,6 @@ class _Snapshot:
         known += [self.truth[f"truth_{axis}_m"]] if f"truth_{axis}_m" in self.truth else []
         values = np.concatenate([part.astype(np.float64) for part in known]) if known else np.empty(0)
         return next((float(value) for value in values if np.isfinite(value)), None)
-
-
-def _sensors_of(scene: Scene, measured: PlotSnapshot | None) -> tuple[list[str], FloatArray]:
-    """Return the names and positions (N, 3) of the sensors of the rows, without rows those of the scene."""
-    if measured is not None:
-        return sensor_positions(measured, 3)
-    names, plan = scene_sensors(scene)
-    return names, np.column_stack([plan, np.array([sensor.z_m for sensor in scene.sensors], dtype=np.float64)])
 
 
 def _draw_in_space(request: PlotRequest, shown: _Snapshot, title: str, notes: list[str]) -> Picture:

@@ -6,21 +6,33 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.scene import (
     CircleReflector,
     EarthFrame,
     LineReflector,
     PlaneReflector,
     Reflector,
+    Scene,
     SegmentReflector,
     SphereReflector,
 )
 from nlosctl.plotting.figures import new_figure
 from nlosctl.plotting.library import Artist, Axes
-from nlosctl.plotting.plane import Extent, finish_map
+from nlosctl.plotting.plane import Extent, finish_map, scene_sensors
 from nlosctl.plotting.plot_request import Picture, PlotRequest
 
-__all__ = ["VIEWS", "DrawView", "across", "coordinates", "draw_plan_and_elevation", "finish_view", "seen_reflectors"]
+__all__ = [
+    "VIEWS",
+    "DrawView",
+    "across",
+    "coordinates",
+    "draw_plan_and_elevation",
+    "finish_view",
+    "scene_positions",
+    "seen_reflectors",
+    "side_of",
+]
 
 VIEWS = ("xy", "xz", "yz")
 """The views by their two coordinates: the plan, and two elevations."""
@@ -42,6 +54,17 @@ def across(seen: str) -> str:
     return next(axis for axis in "xyz" if axis not in seen)
 
 
+def side_of(plan: Extent) -> str:
+    """Return the elevation over x or y, whichever the plan is longer in."""
+    return "xz" if np.subtract(plan.high, plan.low).argmax() == 0 else "yz"
+
+
+def scene_positions(scene: Scene) -> tuple[list[str], FloatArray]:
+    """Return the names and positions (N, 3) of a scene's sensors; heights NaN where the scene has none."""
+    names, plan = scene_sensors(scene)
+    return names, np.column_stack([plan, np.array([sensor.z_m for sensor in scene.sensors], dtype=np.float64)])
+
+
 def draw_plan_and_elevation(request: PlotRequest, draw: DrawView, title: str, frame: EarthFrame | None) -> Picture:
     """Return the picture of both views, the elevation over x or y, whichever the plan is longer in.
 
@@ -52,7 +75,7 @@ def draw_plan_and_elevation(request: PlotRequest, draw: DrawView, title: str, fr
     for seen in VIEWS:
         wholes[seen], focuses[seen], remarks[seen] = draw(scratch, seen)
     plan, focus = wholes["xy"], focuses["xy"]
-    side = "xz" if np.subtract(plan.high, plan.low).argmax() == 0 else "yz"
+    side = side_of(plan)
     close = focus.is_known and focus.span_m < _SMALL * plan.span_m
     size = (2 * _PANEL_IN[0] + 2.0, _PANEL_IN[1] * (1 + close))
     figure, panels = request.figure(1 + close, 2, size_in=size, title=title)
