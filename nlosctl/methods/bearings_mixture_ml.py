@@ -67,7 +67,7 @@ def _solve(batch: BearingBatch, options: MixtureOptions) -> Solution:
         covariance = posterior_covariance(model.mixture, modes, model.region, candidates, fixes.covariance, status)
         fixes = replace(fixes, covariance=covariance)
     lines = model.lines
-    estimates = ranked_estimates(fixes, status, lines.center, options.covariance, model.held_m)
+    estimates = ranked_estimates(fixes, status, lines, options.covariance)
     if not batch.want_flags:
         return Solution(estimates=estimates)
     probability = direct_probability(model.mixture, modes, model.region, candidates, judged.probability, status)

@@ -97,7 +97,7 @@ def solve(batch: BearingBatch, options: SuppressOptions) -> Solution:
     mode, settled, at_boundary = follow_best(candidates, found.fixes, outside)
     to_judge = FixesToJudge(found.fixes, probability, found.used, mode, settled, at_boundary, found.candidates)
     judged = judge_robust_fixes(model, groups, options, to_judge, outside, too_few=model.too_few())
-    estimates = ranked_estimates(judged.fixes, judged.status, lines.center, "inliers", model.held_m)
+    estimates = ranked_estimates(judged.fixes, judged.status, lines, "inliers")
     estimates = replace(estimates, search_failure=failure[estimates.row])
     if not batch.want_flags:
         return Solution(estimates=estimates)

@@ -15,7 +15,6 @@ from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.statuses import Status
-from nlosctl.models.ranges.circles import RangeCircles
 from nlosctl.solvers.mixture.modes import Modes, find_modes
 from nlosctl.solvers.mixture.outlier_counts import expected_counts, next_alpha, next_bias_mean_m
 from nlosctl.solvers.mixture.outlier_options import MixtureModeOptions, OutlierOptions
@@ -108,8 +107,7 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
         covariance = posterior_covariance(model.mixture, modes, model.region, candidates, fixes.covariance, status)
         fixes = replace(fixes, covariance=covariance)
     circles = model.circles
-    held_m = circles.held_z_m if isinstance(circles, RangeCircles) else None
-    estimates = ranked_estimates(fixes, status, circles.center, kind, held_m)
+    estimates = ranked_estimates(fixes, status, circles, kind)
     if not batch.want_flags:
         return Solution(estimates=estimates)
     probability = direct_probability(model.mixture, modes, model.region, candidates, at_best, status)

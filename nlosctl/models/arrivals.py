@@ -81,7 +81,7 @@ class ArrivalRows(RowBlock):
         place = tuple(part + middle for part, middle in zip(point, self.center, strict=True))
         return place if self.held_z_m is None else (*place, self.held_z_m)
 
-    def whole_covariance(self, covariance: SymmetricMatrix) -> SymmetricMatrix:
+    def whole_covariance(self, covariance: SymmetricMatrix, *point: FloatArray) -> SymmetricMatrix:
         """Return the covariances of all coordinates; zeros for a height that is exactly known."""
         if self.held_z_m is None:
             return covariance

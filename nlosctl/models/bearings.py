@@ -86,7 +86,7 @@ class SightLines(RowBlock):
         """Return points (B,) in the frame."""
         return x + self.center_x, y + self.center_y
 
-    def whole_covariance(self, covariance: SymmetricMatrix) -> SymmetricMatrix:
+    def whole_covariance(self, covariance: SymmetricMatrix, *point: FloatArray) -> SymmetricMatrix:
         """Return the covariances, which are those of both coordinates."""
         return covariance
 

@@ -12,12 +12,17 @@ from nlosctl.errors import UsageError
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.measured_height import GroundHeight
 
-__all__ = ["Crossing", "RayResiduals", "Sight", "bearing_lines", "linear_lines"]
+__all__ = ["Crossing", "RayResiduals", "Sight", "bearing_lines", "has_geodesics", "linear_lines"]
+
+
+def has_geodesics(batch: BearingBatch) -> bool:
+    """Return whether all that a batch has is azimuths of geodesics on the earth."""
+    return batch.dimension == 3 and batch.sensor_frame is not None and batch.elevation_rad is None
 
 
 def bearing_lines(batch: BearingBatch) -> Sight:
     """Return the rays of a batch: in the plane, in space, or the geodesics of azimuths alone on the earth."""
-    if batch.dimension == 3 and batch.sensor_frame is not None and batch.elevation_rad is None:
+    if has_geodesics(batch):
         from nlosctl.models.space.geodesic_lines import geodesic_lines
 
         return geodesic_lines(batch)
@@ -117,7 +122,7 @@ class Sight(Protocol):
         """Return points as coordinates in the frame, a height that is exactly known included."""
         ...
 
-    def whole_covariance(self, covariance: SymmetricMatrix) -> SymmetricMatrix:
+    def whole_covariance(self, covariance: SymmetricMatrix, *point: FloatArray) -> SymmetricMatrix:
         """Return the covariances of `absolute`: a height that is exactly known has variance 0."""
         ...
 

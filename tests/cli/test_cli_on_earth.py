@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -220,3 +221,94 @@ def test_arrivals_and_their_bound_on_earth(tmp_path: Path):
         assert 0.98 < np.median(ratio) < 1.02
     std = np.sqrt(np.array(found["cov_xx_m2"]) * np.array(found["offset_std_m"]) ** 2)
     assert (np.abs(found["cov_x_offset_m2"]) <= std).all()
+
+
+def drawn_azimuths(snapshots: int, share: float, seed: int) -> tuple[str, list[str]]:
+    """Return header and rows of azimuths at six stations to .3 degrees, a share of them anywhere."""
+    generator, rows = np.random.default_rng(seed), []
+    stations = {**STATIONS, "D": (60.0, 10.0), "E": (38.0, -6.0), "F": (46.0, 22.0)}
+    for number in range(snapshots):
+        lat, lon = generator.uniform([38.0, -10.0], [60.0, 25.0])
+        for name, (at_lat, at_lon) in stations.items():
+            azimuth = GEOD.inv(at_lon, at_lat, lon, lat)[0] + 0.3 * generator.standard_normal()
+            wrong = generator.random() < share
+            azimuth = generator.uniform(0.0, 360.0) if wrong else azimuth % 360.0
+            rows.append(f"{number},{name},{at_lat},{at_lon},0,{azimuth},0.3,{lat},{lon},0")
+    header = (
+        "snapshot,sensor,sensor_lat_deg,sensor_lon_deg,sensor_height_m,azimuth_deg,bearing_std_deg,"
+        "truth_lat_deg,truth_lon_deg,truth_z_m"
+    )
+    return header, rows
+
+
+@pytest.mark.parametrize("method", ["mixture-ml", "suppress"])
+def test_long_range_azimuths_with_outliers(tmp_path: Path, method: str):
+    """With a fifth of the azimuths anywhere most fixes are ok, within 40 km, with covariances of that size."""
+    header, rows = drawn_azimuths(100, 0.2, 2)
+    found = solved(tmp_path, rows, header, "-m", method, "--alternatives", "1", "--add", "nees")
+    ok = np.array(found["status"]) == "ok"
+    assert ok.mean() > 0.85
+    places = zip(found["truth_lat_deg"], found["truth_lon_deg"], found["lat_deg"], found["lon_deg"], strict=True)
+    away = np.array([distance_m(*map(float, place)) for place, good in zip(places, ok, strict=True) if good])
+    assert np.percentile(away, 95.0) < 40e3
+    nees = np.array(found["nees"], dtype=float)[ok]
+    assert 1.0 < np.median(nees) < 1.9
+    assert np.mean(nees < 5.991) > 0.9
+    assert set(np.array(found["height_m"], dtype=float)[ok]) == {0.0}
+
+
+def test_the_share_of_outliers_is_estimated_on_earth(tmp_path: Path):
+    """``alpha=estimate`` finds the share of azimuths that are anywhere: a fifth."""
+    header, rows = drawn_azimuths(70, 0.2, 3)
+    (tmp_path / "in.csv").write_text("\n".join([header, *rows]) + "\n")
+    words = ("--dimensions", "3", "-m", "mixture-ml", "-p", "alpha=estimate", "-o", "out.csv", "--report", "r.json")
+    done = run_here("localize", "in.csv", *words, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    match = re.search(rb"alpha = ([0-9.]+), estimated", done.stderr)
+    assert match is not None
+    assert 0.15 < float(match[1]) < 0.25
+
+
+def test_a_region_in_metres_has_no_meaning_on_earth(tmp_path: Path):
+    """A search region of x and y beside places on earth in three dimensions is a usage error."""
+    header, rows = drawn_azimuths(1, 0.0, 4)
+    (tmp_path / "in.csv").write_text("\n".join([header, *rows]) + "\n")
+    words = ("--dimensions", "3", "-m", "mixture-ml", "--field", "circle:0,0,1e6", "-o", "out.csv")
+    done = run_here("localize", "in.csv", *words, folder=tmp_path)
+    assert done.returncode == 2
+    assert b"set --field to sensors:FACTOR" in done.stderr
+
+
+@pytest.mark.parametrize("method", ["mixture-ml", "suppress"])
+@pytest.mark.parametrize("height_std_m", [0.0, 50.0])
+def test_outliers_beside_a_measured_height_over_a_curved_earth(tmp_path: Path, method: str, height_std_m: float):
+    """Directions of an aircraft over 400 km, a quarter anywhere, and its height: nearly all fixes are ok, NEES is D."""
+    generator, rows = np.random.default_rng(5), []
+    stations = generator.uniform([45.0, 6.0, 0.0], [48.0, 12.0, 1500.0], (6, 3))
+    for number in range(60):
+        lat, lon, height = generator.uniform([45.5, 7.0, 8000.0], [47.5, 11.0, 11000.0])
+        target = np.array(ECEF.transform(lon, lat, height))
+        measured = height + height_std_m * generator.standard_normal()
+        for sensor, (at_lat, at_lon, at_height) in enumerate(stations):
+            turn_lat, turn_lon = np.radians([at_lat, at_lon])
+            away = target - ECEF.transform(at_lon, at_lat, at_height)
+            up = np.array([np.cos(turn_lat) * np.cos(turn_lon), np.cos(turn_lat) * np.sin(turn_lon), np.sin(turn_lat)])
+            east = np.array([-np.sin(turn_lon), np.cos(turn_lon), 0.0])
+            azimuth = np.degrees(np.arctan2(east @ away, np.cross(up, east) @ away))
+            elevation = np.degrees(np.arcsin(up @ away / np.linalg.norm(away)))
+            azimuth, elevation = np.array([azimuth, elevation]) + 0.1 * generator.standard_normal(2)
+            if generator.random() < 0.25:
+                azimuth, elevation = generator.uniform([0.0, -90.0], [360.0, 90.0])
+            rows.append(
+                f"{number},s{sensor},{at_lat},{at_lon},{at_height},{azimuth % 360.0},{elevation},0.1,0.1,{measured},"
+                f"{height_std_m},{lat},{lon},{height}"
+            )
+    header = (
+        "snapshot,sensor,sensor_lat_deg,sensor_lon_deg,sensor_height_m,azimuth_deg,elevation_deg,bearing_std_deg,"
+        "elevation_std_deg,target_height_m,target_height_std_m,truth_lat_deg,truth_lon_deg,truth_z_m"
+    )
+    found = solved(tmp_path, rows, header, "-m", method, "--alternatives", "1", "--add", "nees")
+    ok = np.array(found["status"]) == "ok"
+    assert ok.mean() > 0.95
+    nees = np.array(found["nees"], dtype=float)[ok]
+    assert (1.4 < nees.mean() < 2.8) if height_std_m == 0.0 else (2.1 < nees.mean() < 4.1)

@@ -65,7 +65,7 @@ class RangeCircles(RowBlock):
         point = x + self.center_x, y + self.center_y
         return point if self.held_z_m is None else (*point, self.held_z_m)
 
-    def whole_covariance(self, covariance: SymmetricMatrix) -> SymmetricMatrix:
+    def whole_covariance(self, covariance: SymmetricMatrix, *point: FloatArray) -> SymmetricMatrix:
         """Return the covariances of all coordinates; zeros for the height of the plane in space."""
         if self.held_z_m is None:
             return covariance

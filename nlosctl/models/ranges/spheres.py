@@ -57,7 +57,7 @@ class RangeSpheres(RowBlock):
         """Return points (B,), given about the local origins, in the frame."""
         return tuple(part + middle for part, middle in zip(point, self.center, strict=True))
 
-    def whole_covariance(self, covariance: SymmetricMatrix) -> SymmetricMatrix:
+    def whole_covariance(self, covariance: SymmetricMatrix, *point: FloatArray) -> SymmetricMatrix:
         """Return the covariance of x, y and z, which it is."""
         return covariance
 

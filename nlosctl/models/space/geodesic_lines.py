@@ -1,7 +1,7 @@
 """Azimuths of geodesics on the earth: long-range direction finding of a source at a known height.
 
-The unknowns are metres east and north in the azimuthal equidistant plane about a point near the source, so that
-directions from there and their covariance are those of the ground. Geodesics are those of WGS 84, by pyproj.
+The unknowns are metres east and north in the azimuthal equidistant plane about a point: near the source for methods
+that trust every row, among the sensors for those that do not. Geodesics are those of WGS 84, by pyproj.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, ignoring_division, ignoring_invalid
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_invalid
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.geometry.angles import wrap_angle
 from nlosctl.geometry.blocks import sum_measurements
@@ -21,7 +21,7 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.sight import Crossing, RayResiduals
 from nlosctl.models.space.open_sky import OpenSky
 
-__all__ = ["GeodesicLines", "geodesic_lines"]
+__all__ = ["GeodesicLines", "geodesic_lines", "geodesics_about_sensors"]
 
 _STEP_M = 20.0
 """Half the distance of the points whose azimuths differ for a derivative: geodesics are exact to nanometres."""
@@ -62,6 +62,17 @@ class GeodesicLines(OpenSky):
         """The number of rows, K."""
         return int(self.azimuth.shape[1])
 
+    @property
+    def of_rows(self) -> int:
+        """The number of scalars: an azimuth of each row."""
+        return self.rows
+
+    @property
+    def sensors_m(self) -> tuple[FloatArray, FloatArray]:
+        """The sensors (B, K) in the plane."""
+        latitude, longitude = (np.broadcast_to(part[:, None], self.azimuth.shape) for part in self._about())
+        return in_plane(latitude, longitude, self.sensor_latitude, self.sensor_longitude)
+
     def scalars(self) -> int:
         """Return the number of azimuths of each snapshot."""
         return self.rows
@@ -70,15 +81,22 @@ class GeodesicLines(OpenSky):
         """Return the earth-centred coordinates of points."""
         return to_earth_centred(*self._ground(*point), self.height_m)
 
-    def whole_covariance(self, covariance: SymmetricMatrix) -> SymmetricMatrix:
-        """Return the earth-centred covariances, without a part along the vertical."""
-        axes = local_axes(self.latitude, self.longitude)
-        east, north = (tuple(axes[:, i, j] for j in range(3)) for i in range(2))
-        cross = SymmetricMatrix.symmetrized(east, north) * covariance.xy
+    def whole_covariance(self, covariance: SymmetricMatrix, *point: FloatArray) -> SymmetricMatrix:
+        """Return the earth-centred covariances at points (B,), without a part along the vertical.
+
+        The plane is true to scale about its own point alone: elsewhere its axes are those of small steps on the ground.
+        """
+        axes = local_axes(*self._ground(*point))
+        steps = []
+        for back, ahead in self._around(*point):
+            azimuth, length = geodesic_between(*back, *ahead)
+            scale = length / (2.0 * _STEP_M)
+            toward = (np.sin(azimuth) * scale, np.cos(azimuth) * scale)
+            steps.append(tuple(toward[0] * axes[:, 0, i] + toward[1] * axes[:, 1, i] for i in range(3)))
         return (
-            SymmetricMatrix.outer(*east, weight=covariance.xx)
-            + cross
-            + SymmetricMatrix.outer(*north, weight=covariance.yy)
+            SymmetricMatrix.outer(*steps[0], weight=covariance.xx)
+            + SymmetricMatrix.symmetrized(*steps) * covariance.xy
+            + SymmetricMatrix.outer(*steps[1], weight=covariance.yy)
         )
 
     def normals(self) -> tuple[FloatArray, ...]:
@@ -106,9 +124,23 @@ class GeodesicLines(OpenSky):
 
     def residual(self, *point: FloatArray, paths: None = None) -> FloatArray:
         """Return measured minus predicted bearings (B, K)."""
-        latitude, longitude = (np.broadcast_to(part[:, None], self.azimuth.shape) for part in self._ground(*point))
-        azimuth, _ = geodesic_between(self.sensor_latitude, self.sensor_longitude, latitude, longitude)
-        return wrap_angle(azimuth - self.azimuth)
+        return self._seen(*self._ground(*point))[0]
+
+    def row_seen(self, k: int, *point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return measured minus predicted bearing of row ``k`` and the length of its geodesic, at points (B, ...)."""
+        at = (slice(None), k, *([None] * (point[0].ndim - 1)))
+        latitude, longitude = (
+            np.broadcast_to(part[at], point[0].shape) for part in (self.sensor_latitude, self.sensor_longitude)
+        )
+        azimuth, range_m = geodesic_between(latitude, longitude, *self._ground(*point))
+        return wrap_angle(azimuth - self.azimuth[at]), range_m
+
+    def row_gradient(self, k: int, *point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the derivatives (B,) of the predicted bearing of row ``k`` by east and north."""
+        sensor = self.sensor_latitude[:, k], self.sensor_longitude[:, k]
+        azimuths = [[geodesic_between(*sensor, *end)[0] for end in ends] for ends in self._around(*point)]
+        east, north = (wrap_angle(back - ahead) / (2.0 * _STEP_M) for back, ahead in azimuths)
+        return east, north
 
     def slopes(
         self, *point: FloatArray, paths: None = None, extra_m2: FloatArray | None = None
@@ -146,8 +178,7 @@ class GeodesicLines(OpenSky):
 
     def range_m(self, *point: FloatArray) -> FloatArray:
         """Return the lengths (B, K) of the geodesics to points."""
-        latitude, longitude = (np.broadcast_to(part[:, None], self.azimuth.shape) for part in self._ground(*point))
-        return geodesic_between(self.sensor_latitude, self.sensor_longitude, latitude, longitude)[1]
+        return self._seen(*self._ground(*point))[1]
 
     def crossing(self, *point: FloatArray) -> Crossing:
         """Return points relative to the geodesics without their directions."""
@@ -161,9 +192,29 @@ class GeodesicLines(OpenSky):
         range_m = self.range_m(*point)
         at = np.arange(range_m.shape[0]), np.argmin(range_m, axis=1)
         away_m = share * range_m.max(axis=1)
-        beside = geodesic_end(self.sensor_latitude[at], self.sensor_longitude[at], self.azimuth[at], away_m)
-        azimuth, length = geodesic_between(self.latitude, self.longitude, *beside)
-        return length * np.sin(azimuth), length * np.cos(azimuth)
+        return self.ends(*at, self.azimuth[at], away_m)
+
+    def ends(
+        self, snapshot: IntArray, k: IntArray, azimuth: FloatArray, length_m: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the ends (N,) of geodesics from the sensors of rows ``k`` of snapshots."""
+        sensor = self.sensor_latitude[snapshot, k], self.sensor_longitude[snapshot, k]
+        end = geodesic_end(*sensor, azimuth, length_m)
+        return in_plane(self.latitude[snapshot], self.longitude[snapshot], *end)
+
+    def about_crossing(self, rounds: int = _ROUNDS) -> GeodesicLines:
+        """Return the azimuths about the point (B,) where their geodesics meet, in least squares."""
+        latitude, longitude = _great_circle_crossing(self.sensor_latitude, self.sensor_longitude, self.azimuth)
+        lines = replace(self, latitude=latitude, longitude=longitude)
+        for _ in range(rounds):
+            middle = lines._middle()
+            slopes, scaled = lines.slopes(*middle), lines.residual(*middle) / lines.std
+            step = SymmetricMatrix.gram(*slopes).solve(*(sum_measurements(slope * scaled) for slope in slopes))
+            length = np.hypot(*step)
+            usable = np.isfinite(length) & (length < 0.2 * lines.range_m(*middle).max(axis=1))
+            moved = lines._ground(*(np.where(usable, -part, 0.0) for part in step))
+            lines = replace(lines, latitude=moved[0], longitude=moved[1])
+        return lines
 
     def residuals(self, batch: BearingBatch, *point: FloatArray) -> dict[str, FloatArray]:
         """Return measured minus predicted bearings (B, K), and those of ranges along the ground."""
@@ -176,41 +227,60 @@ class GeodesicLines(OpenSky):
         """Return which points (B,) the scene rules out: none."""
         return np.zeros(point[0].shape, dtype=bool)
 
+    def _about(self) -> tuple[FloatArray, FloatArray]:
+        return self.latitude, self.longitude
+
     def _middle(self) -> tuple[FloatArray, FloatArray]:
         return np.zeros(self.latitude.shape), np.zeros(self.latitude.shape)
 
     def _ground(self, *point: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return latitude and longitude (B,) of points."""
+        """Return latitude and longitude (B, ...) of points."""
         east, north = point
-        return geodesic_end(self.latitude, self.longitude, np.arctan2(east, north), np.hypot(east, north))
+        wide = (slice(None), *([None] * (east.ndim - 1)))
+        latitude, longitude = (np.broadcast_to(part[wide], east.shape) for part in self._about())
+        return geodesic_end(latitude, longitude, np.arctan2(east, north), np.hypot(east, north))
+
+    def _around(self, *point: FloatArray) -> list[tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]]:
+        """Return latitude and longitude (B,) of the points a step back and ahead, to the east and to the north."""
+        east, north = point
+        steps = ((_STEP_M, 0.0), (0.0, _STEP_M))
+        return [(self._ground(east - x, north - y), self._ground(east + x, north + y)) for x, y in steps]
+
+    def _seen(self, latitude: FloatArray, longitude: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return measured minus predicted bearings (B, K) and lengths of geodesics to places (B,)."""
+        place = (np.broadcast_to(part[:, None], self.azimuth.shape) for part in (latitude, longitude))
+        azimuth, range_m = geodesic_between(self.sensor_latitude, self.sensor_longitude, *place)
+        return wrap_angle(azimuth - self.azimuth), range_m
 
     def _gradient(self, *point: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the derivatives (B, K) of the predicted bearing by east and north, by central differences."""
-        east, north = point
-        parts = [
-            self.residual(east - dx, north - dy) - self.residual(east + dx, north + dy)
-            for dx, dy in ((_STEP_M, 0.0), (0.0, _STEP_M))
-        ]
-        return wrap_angle(parts[0]) / (2.0 * _STEP_M), wrap_angle(parts[1]) / (2.0 * _STEP_M)
+        residuals = [[self._seen(*end)[0] for end in ends] for ends in self._around(*point)]
+        east, north = (wrap_angle(back - ahead) / (2.0 * _STEP_M) for back, ahead in residuals)
+        return east, north
 
 
 def geodesic_lines(batch: BearingBatch) -> GeodesicLines:
     """Return the azimuths of an earth-centred batch about the point where their geodesics meet, in least squares."""
+    return geodesics_about_sensors(batch).about_crossing()
+
+
+def geodesics_about_sensors(batch: BearingBatch) -> GeodesicLines:
+    """Return the azimuths of an earth-centred batch about the middle of each snapshot's sensors."""
     assert batch.sensor_z_m is not None  # noqa: S101 - batches in space have heights
-    sensor = to_geodetic(batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.sensor_z_m)
-    azimuth = 0.5 * np.pi - batch.bearing_rad
+    place = (batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1], batch.sensor_z_m)
+    sensor = to_geodetic(*place)
+    latitude, longitude, _ = to_geodetic(*(sum_measurements(part) / batch.measurements for part in place))
     height = np.zeros(batch.size) if batch.target_z_m is None else batch.target_z_m
-    latitude, longitude = _great_circle_crossing(sensor[0], sensor[1], azimuth)
-    lines = GeodesicLines(latitude, longitude, sensor[0], sensor[1], azimuth, batch.bearing_std_rad, height)
-    for _ in range(_ROUNDS):
-        middle = lines._middle()
-        slopes, scaled = lines.slopes(*middle), lines.residual(*middle) / lines.std
-        step = lines.information(*middle).solve(*(sum_measurements(slope * scaled) for slope in slopes))
-        length = np.hypot(*step)
-        usable = np.isfinite(length) & (length < 0.2 * lines.range_m(*middle).max(axis=1))
-        moved = lines._ground(*(np.where(usable, -part, 0.0) for part in step))
-        lines = replace(lines, latitude=moved[0], longitude=moved[1])
-    return lines
+    azimuth = 0.5 * np.pi - batch.bearing_rad
+    return GeodesicLines(latitude, longitude, sensor[0], sensor[1], azimuth, batch.bearing_std_rad, height)
+
+
+def in_plane(
+    latitude: FloatArray, longitude: FloatArray, to_latitude: FloatArray, to_longitude: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return metres east and north of places (...) in the planes about points (...)."""
+    azimuth, length = geodesic_between(latitude, longitude, to_latitude, to_longitude)
+    return length * np.sin(azimuth), length * np.cos(azimuth)
 
 
 def _great_circle_crossing(

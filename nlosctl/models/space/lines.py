@@ -92,7 +92,7 @@ class SpaceLines(ScalarRows):
         """Return points in the frame, with the height that is exactly known."""
         return tuple(part + middle for part, middle in zip(self.whole(point), self.center, strict=True))
 
-    def whole_covariance(self, covariance: SymmetricMatrix) -> SymmetricMatrix:
+    def whole_covariance(self, covariance: SymmetricMatrix, *point: FloatArray) -> SymmetricMatrix:
         """Return the covariances of x, y, z; zeros for a height that is exactly known."""
         if not self.is_held:
             return covariance

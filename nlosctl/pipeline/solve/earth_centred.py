@@ -3,7 +3,8 @@
 Positions in tables are x, y of the local plane and the height above the ellipsoid; covariances are in local east, north
 and up at the estimate. Distances and directions are solved in the axes east, north and up of one point, which are a
 rigid motion of earth-centred coordinates. A measured height is z only straight above that point, so such snapshots are
-solved again in the axes at their own estimates, until these stay: the error of z falls with the square of the step.
+solved again in the axes at their own estimates, until these stay: the error of z falls with the square of the step. At
+first the height is as uncertain as the ground bends.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_invalid
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.results import Estimates, Solution
+from nlosctl.contract.fields import SensorsField
+from nlosctl.contract.results import Estimates, Solution, has_covariance
 from nlosctl.contract.scene import EarthFrame
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
@@ -26,7 +28,7 @@ from nlosctl.io.scenes.scene_file import plane_of
 from nlosctl.pipeline.solve.local_frames import LocalFrames, RowsOnEarth
 from nlosctl.pipeline.solve.method_runs import BlockSolver
 
-__all__ = ["seen_from", "solver_on_earth"]
+__all__ = ["placed_on_earth", "seen_from", "solver_on_earth"]
 
 _NEAR_M = 1.0
 """An estimate this close to the point whose axes it was solved in has its height as z, to a tenth of a micrometre."""
@@ -37,10 +39,10 @@ _VECTORS = (("cov_x_offset_m2", "cov_y_offset_m2", "cov_z_offset_m2"),)
 
 
 def solver_on_earth(solve: BlockSolver, frame: EarthFrame) -> BlockSolver:
-    """Return a method that solves places on the ellipsoid; it raises UsageError for reflectors."""
+    """Return a method that solves places on the ellipsoid; it raises UsageError for what has no meaning there."""
 
     def solve_places(batch: Any, row: IntArray) -> Solution:
-        _refuse_reflectors(batch)
+        _refuse_planes(batch)
         rows = RowsOnEarth.of(batch, frame)
         if _is_geodesic(batch):
             solution = solve(rows.earth_centred(), row)
@@ -60,14 +62,33 @@ def seen_from(batch: Any, frame: EarthFrame, position_m: FloatArray) -> tuple[An
     """
     if _is_geodesic(batch):
         return batch, position_m
-    _refuse_reflectors(batch)
+    _refuse_planes(batch)
     place = np.stack(to_earth_centred(*places(position_m[:, :2], frame), position_m[:, 2]), axis=1)
     frames = LocalFrames.below(place)
     return RowsOnEarth.of(batch, frame).seen_in(frames, np.arange(batch.size)), frames.local(place)
 
 
-def _refuse_reflectors(batch: Any) -> None:
-    """Raise UsageError for rows by reflectors, which have no model on earth."""
+def placed_on_earth(batch: Any, frame: EarthFrame) -> Any:
+    """Return a batch as methods solve it at first, for statistics; UsageError for measured heights beside elevations.
+
+    Azimuths alone are earth-centred, all others in the axes below the middle of each snapshot's sensors.
+    """
+    _refuse_planes(batch)
+    rows = RowsOnEarth.of(batch, frame)
+    if _is_geodesic(batch):
+        return rows.earth_centred()
+    if batch.target_z_m is not None:
+        raise UsageError("options can't be estimated from places on earth with measured heights; give their values")
+    return rows.seen_in(LocalFrames.below(rows.middle_m()), np.arange(batch.size))
+
+
+def _refuse_planes(batch: Any) -> None:
+    """Raise UsageError for rows by reflectors and search regions in x and y, which have no meaning on earth."""
+    if not isinstance(batch.field, SensorsField):
+        raise UsageError(
+            f"the search region {str(batch.field)!r} is in x and y, which places on earth in three dimensions do not "
+            "have; set `field` to sensors:FACTOR, or `dimensions` to 2"
+        )
     reflector = getattr(batch, "reflector", None)
     if reflector is not None and (reflector >= 0).any():
         raise UsageError(
@@ -93,9 +114,11 @@ class _Placed:
         """Return the solution, and the frame of each of its estimates (E)."""
         every = np.arange(self.rows.batch.size)
         frames = LocalFrames.below(self.rows.middle_m())
-        solution = self._seen_in(frames, every)
         if self.rows.batch.target_z_m is None:
+            solution = self._seen_in(frames, every)
             return solution, frames.take(solution.estimates.row)
+        loose = dataclasses.replace(self, rows=self.rows.with_loose_height())
+        solution = loose._seen_in(frames, every)
         best = _first(solution.estimates.row)
         frames, settled = self._settled(frames, every, frames.earth_centred(solution.estimates.position_m[best]))
         solution = self._seen_in(frames, every)
@@ -144,6 +167,7 @@ class _Placed:
                 other.row, further.take(other.row).earth_centred(other.position_m) - place[away][other.row]
             )
             estimates = _with(estimates, away, other, nearest)
+            stays[away] &= np.isfinite(other.covariance_m2[nearest, 0]) | ~has_covariance(estimates.status[away])
             own.origin_m[away], own.axes[away] = further.origin_m, further.axes
         return dataclasses.replace(solution, estimates=_without_answers(estimates, ~stays)), own
 

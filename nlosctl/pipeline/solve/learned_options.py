@@ -176,7 +176,12 @@ def pass_batches(
     made: dict[str, Any] = {"scene": scene, "dimension": dimension, "field": options.field, "flags": False}
     for block in dense_blocks(chunk.offsets, ~chunk.left_out, options.block_size):
         for snapshot, row in alike_blocks(chunk, *block):
-            yield row, dense_batch(kind, chunk.columns, row, seed=seed[snapshot], **made)
+            batch = dense_batch(kind, chunk.columns, row, seed=seed[snapshot], **made)
+            if scene.frame is not None and scene.frame.on_ellipsoid:
+                from nlosctl.pipeline.solve.earth_centred import placed_on_earth  # only for places on earth
+
+                batch = placed_on_earth(batch, scene.frame)
+            yield row, batch
 
 
 def _statistics(run: MethodRun, batch: Any) -> FloatArray:

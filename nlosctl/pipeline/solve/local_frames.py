@@ -10,8 +10,8 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.scene import EarthFrame
-from nlosctl.geometry.blocks import rows_of, sum_measurements
+from nlosctl.contract.scene import EARTH_RADIUS_M, EarthFrame
+from nlosctl.geometry.blocks import max_measurements, rows_of, sum_measurements
 from nlosctl.geometry.earth_centred import local_axes, to_earth_centred, to_geodetic
 from nlosctl.io.scenes.places import places
 from nlosctl.io.scenes.scene_file import plane_of
@@ -82,6 +82,13 @@ class RowsOnEarth:
         """Return the mean (B, 3) of the sensors of each snapshot, earth-centred."""
         x, y, z = (sum_measurements(part) / part.shape[1] for part in np.moveaxis(self.place_m, -1, 0))
         return np.stack([x, y, z], axis=-1)
+
+    def with_loose_height(self) -> RowsOnEarth:
+        """Return the rows with measured heights that are as uncertain as the ground bends over twice their extent."""
+        away = self.place_m - self.middle_m()[:, None]
+        extent = 2.0 * max_measurements(np.linalg.norm(away, axis=-1))
+        std = np.hypot(self.batch.target_z_std_m, extent * extent / (2.0 * EARTH_RADIUS_M))
+        return dataclasses.replace(self, batch=dataclasses.replace(self.batch, target_z_std_m=std))
 
     def earth_centred(self) -> Any:
         """Return the batch in earth-centred coordinates."""

@@ -144,7 +144,7 @@ def finish_bearings_fix(
     estimates = Estimates.of(
         verdict.status,
         lines.absolute(*point),
-        lines.whole_covariance(verdict.covariance),
+        lines.whole_covariance(verdict.covariance, *point),
         verdict.cost,
         batch.measurements,
         chi_square=verdict.least_chi_square,

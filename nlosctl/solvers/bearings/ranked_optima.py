@@ -56,7 +56,7 @@ def finish_alternatives(
     estimates = Estimates.of(
         status,
         lines.absolute(*point),
-        lines.whole_covariance(covariance.take(rows)),
+        lines.whole_covariance(covariance.take(rows), *point),
         cost,
         batch.measurements,
         row=snapshot,

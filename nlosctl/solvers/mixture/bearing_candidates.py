@@ -11,8 +11,9 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.scene import Scene
 from nlosctl.models.obstacles import hidden_by_walls
 from nlosctl.models.space.lines import SpaceLines
-from nlosctl.solvers.bearings.ray_crossings import Candidates, choose_pairs, cross_rays, end_rays
-from nlosctl.solvers.bearings.space_crossings import cross_in_space, ends_at_height, ends_of_ranges
+from nlosctl.solvers.bearings.ray_crossings import Candidates, choose_pairs, end_rays
+from nlosctl.solvers.bearings.row_crossings import cross_rows
+from nlosctl.solvers.bearings.space_crossings import ends_at_height, ends_of_ranges
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 
 __all__ = ["BearingCandidates"]
@@ -61,8 +62,7 @@ class BearingCandidates:
         lines = self.model.lines.take(rows)
         share, leader = self.model.share[rows], self.model.leader[rows]
         first, second = (index if index.ndim == 1 else index[rows] for index in (self.first, self.second))
-        in_space = isinstance(lines, SpaceLines)
-        crossings = cross_in_space(lines, first, second) if in_space else cross_rays(lines, first, second)
+        crossings = cross_rows(lines, first, second)
         if first.ndim == 1:
             may = (share[:, first] > 0.0) & (share[:, second] > 0.0) & (leader[:, first] != leader[:, second])
         else:
@@ -71,7 +71,7 @@ class BearingCandidates:
             may &= leader[snapshot, first] != leader[snapshot, second]
         parts = [Candidates(crossings.point, crossings.valid & may)]
         if self.range_m is not None:
-            ends = (ends_of_ranges if in_space else end_rays)(lines, self.range_m[rows])
+            ends = (ends_of_ranges if isinstance(lines, SpaceLines) else end_rays)(lines, self.range_m[rows])
             parts.append(Candidates(ends.point, ends.valid & (share > 0.0)))
         if self.model.has_height:
             ends = ends_at_height(lines)

@@ -98,7 +98,7 @@ def judge_robust_fixes(
         further=further,
     )
     if used.shape[1] > 1:
-        mark_behind(status, model.lines)
+        mark_behind(status, model.crossing_lines)
     status[too_few] = Status.TOO_FEW
     return Judgement(status, fixes, probability, used)
 

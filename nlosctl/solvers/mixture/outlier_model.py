@@ -19,9 +19,11 @@ from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
 from nlosctl.geometry.regions import BoxRegion, PrismRegion, Region, box_diagonal
 from nlosctl.models.measured_height import MeasuredHeight
 from nlosctl.models.search_regions import reach_region, search_region
-from nlosctl.models.sight import bearing_lines
+from nlosctl.models.sight import bearing_lines, has_geodesics
+from nlosctl.models.space.geodesic_lines import GeodesicLines, geodesics_about_sensors
 from nlosctl.models.space.lines import SpaceLines
 from nlosctl.solvers.bearings.fix_status import nearly_singular
+from nlosctl.solvers.bearings.geodesic_row_terms import DirectGeodesics
 from nlosctl.solvers.bearings.joint_range_bearing import range_columns
 from nlosctl.solvers.bearings.line_fits import fit_least_squares
 from nlosctl.solvers.bearings.row_terms import DirectBearings
@@ -49,7 +51,8 @@ _MINIMUM_RANGE_SHARE = 0.005
 class OutlierModel(RowBlock):
     """A block of bearings with all that equation (23) needs; shapes (B,) and (B, K).
 
-    ``lines`` are `SightLines` in the plane, `SpaceLines` in space, ``direct`` the rows of either; ``volume`` is that
+    ``lines`` are `SightLines` in the plane, `SpaceLines` in space, `GeodesicLines` about the middle of the sensors on
+    the earth, ``direct`` the rows of either; ``volume`` is that
     (in the plane the area) in which a source may be; ``has_height`` marks that its height is measured, or known.
     ``share`` is each row's probability to be the direct one of its group, given that one is; ``extent_m`` the diagonal
     of the search region, over which an outlier's range is uniform; ``measured_m`` and ``range_std_m`` are NaN in rows
@@ -75,11 +78,9 @@ class OutlierModel(RowBlock):
         return self if rows.shape[0] == self.extent_m.shape[0] else self.take(rows)
 
     @property
-    def held_m(self) -> FloatArray | None:
-        """The heights (B,) in the frame that are exactly known, None where they are unknowns."""
-        if not self.has_height or not self.lines.is_held:
-            return None
-        return np.asarray(self.lines.held_m + self.lines.center[2])
+    def crossing_lines(self) -> Any:
+        """The lines for linear fits: those of geodesics are straight about their crossing alone."""
+        return self.lines.about_crossing() if isinstance(self.lines, GeodesicLines) else self.lines
 
     def too_few(self) -> BoolArray:
         """Return which snapshots (B,) measure fewer scalars than a position has."""
@@ -94,7 +95,7 @@ class OutlierModel(RowBlock):
 
         Those have parallel lines, or all sensors at a single point and no measured height, and no range.
         """
-        uninformative = nearly_singular(fit_least_squares(self.lines).normal)
+        uninformative = nearly_singular(fit_least_squares(self.crossing_lines).normal)
         if not self.has_height:
             uninformative |= _larger_side(*_origins(self.lines)) <= 0.0
         if self.measured_m is not None:
@@ -128,10 +129,10 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
     product of both densities, as an outlier too: its range is then uniform over the search region's diagonal. The
     elevation of a row in space is Gaussian, that of an outlier uniform: one over the field of view and pi.
     """
-    lines: Any = bearing_lines(batch)
-    if batch.dimension == _SPACE and not isinstance(lines, SpaceLines):
-        raise UsageError("robust methods take no azimuths alone on the earth; use the method ml")
+    lines: Any = geodesics_about_sensors(batch) if has_geodesics(batch) else bearing_lines(batch)
     ranges = range_columns(batch, options.use_ranges)
+    if ranges is not None and isinstance(lines, GeodesicLines):
+        raise UsageError("ranges beside azimuths of geodesics have no model: set `parameters` use_ranges=false")
     region = _region(batch, lines, ranges)
     extent = box_diagonal(*region.bounds_m)
     sensor_extent = _larger_side(*_sensors(batch, lines))
@@ -146,7 +147,7 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
             std_rad * (sqrt(2.0 * pi) / fov) * erf(pi / (2.0 * sqrt(2.0) * std_rad))
         )
     log_nlos = np.full(extent.shape, -batch.measurements * log(fov))
-    if batch.dimension == _SPACE:
+    if isinstance(lines, SpaceLines):
         elevated = lines.angles.has_elevation
         log_direct += elevated * (
             log(sqrt(pi / 2.0)) - np.log(lines.std[:, batch.measurements : 2 * batch.measurements])
@@ -158,8 +159,10 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
             log_direct += np.where(known, np.log(extent[:, None] / (ranges[1] * sqrt(2.0 * pi))), 0.0)
             log_nlos -= np.log(extent) * sum_measurements(known.astype(np.float64))
     lognormal, height = options.range_noise == "lognormal", None
-    rows: DirectBearings | DirectDirections
-    if batch.dimension == _SPACE:
+    rows: DirectBearings | DirectDirections | DirectGeodesics
+    if isinstance(lines, GeodesicLines):
+        rows = DirectGeodesics(lines, minimum)
+    elif isinstance(lines, SpaceLines):
         height = lines.height
         lines = lines if ranges is None else lines.with_ranges(*ranges, lognormal=lognormal)
         rows = DirectDirections.of(lines, minimum * minimum)
@@ -168,33 +171,40 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
     obstructed = np.full(extent.shape, options.alpha)
     mixture = Mixture.of(rows, log_direct, obstructed, groups.last, log_nlos, height=height)
     leader = sort_rows(groups.leader, groups)
+    has_height = height is not None or (isinstance(lines, SpaceLines) and lines.is_held)
     return OutlierModel(
         lines, rows, mixture, leader, share, region, _volume(lines, region), minimum, extent, sensor_extent,
-        ranges and ranges[0], ranges and ranges[1], height is not None or (batch.dimension == _SPACE and lines.is_held),
+        ranges and ranges[0], ranges and ranges[1], has_height,
     )  # fmt: skip
 
 
 def _sensors(batch: BearingBatch, lines: Any) -> Point:
-    """Return the sensors' positions (B, K), those of the unknown coordinates."""
+    """Return the sensors' positions (B, K), those of the unknown coordinates; on the earth about the local origins."""
+    if isinstance(lines, GeodesicLines):
+        return lines.sensors_m
     sensors: Point = (batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1])
     return sensors if batch.sensor_z_m is None or lines.is_held else (*sensors, batch.sensor_z_m)
 
 
 def _origins(lines: Any) -> Point:
     """Return the origins (B, K) of rays."""
+    if isinstance(lines, GeodesicLines):
+        return lines.sensors_m
     return lines.origin if isinstance(lines, SpaceLines) else (lines.origin_x, lines.origin_y)
 
 
 def _region(batch: BearingBatch, lines: Any, ranges: tuple[FloatArray, FloatArray] | None) -> Region:
     """Return the search regions; in space about as high as a height of the plane z = 0 may be."""
     sensors = _sensors(batch, lines)
-    center = lines.center[: len(sensors)]
+    center = tuple(np.zeros(batch.size) for _ in sensors)
+    if not isinstance(lines, GeodesicLines):
+        center = lines.center[: len(sensors)]
     region = search_region(batch.field, sensors, center)
     if ranges is not None and isinstance(batch.field, SensorsField):
         reach = np.where(np.isnan(ranges[0]), -np.inf, ranges[0] + _RANGE_STANDARD_DEVIATIONS * ranges[1])
         about = tuple(part - middle[:, None] for part, middle in zip(sensors, center, strict=True))
         region = reach_region(region, about, max_measurements(reach))
-    height = lines.height if len(sensors) == _SPACE else None
+    height = lines.height if isinstance(lines, SpaceLines) else None
     if not isinstance(height, MeasuredHeight):
         return region
     lower, upper = region.bounds_m

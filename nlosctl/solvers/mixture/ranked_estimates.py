@@ -131,13 +131,11 @@ def ranked_status(
     return status
 
 
-def ranked_estimates(
-    fixes: RankedFixes, status: StatusArray, center: Point, covariance_kind: str, held_m: FloatArray | None = None
-) -> Estimates:
+def ranked_estimates(fixes: RankedFixes, status: StatusArray, rows: Any, covariance_kind: str) -> Estimates:
     """Return the estimates: every fix of a snapshot that has an answer, the most likely first; else its status.
 
-    The fixes are about the local origins ``center``, D arrays (B,); ``held_m`` (B,) are heights that are
-    exactly known. A position without a covariance is alone.
+    The fixes are about the local origins of the measured ``rows`` (B, K), which have the frame as well, and a height
+    that is exactly known. A position without a covariance is alone.
     """
     written = np.isfinite(fixes.cost) & has_position(status)[:, None] & _sound(fixes.covariance)
     written &= has_covariance(status)[:, None]
@@ -145,15 +143,11 @@ def ranked_estimates(
     row, alternative = np.nonzero(written)
     at = row, alternative
     before = np.cumsum(written, axis=1) - 1
-    covariance = fixes.covariance.at(*at)
-    position = tuple(part[at] + middle[row] for part, middle in zip(fixes.point, center, strict=False))
-    if held_m is not None:
-        position = (*position, held_m[row])
-        covariance = SymmetricMatrix(*covariance, *(np.zeros(row.shape) for _ in range(3)))
+    mine, point = rows.take(row), tuple(part[at] for part in fixes.point)
     return Estimates.of(
         status[row],
-        position,
-        covariance,
+        mine.absolute(*point),
+        mine.whole_covariance(fixes.covariance.at(*at), *point),
         fixes.cost[at],
         fixes.n_used[at],
         row=row.astype(np.int64),

@@ -34,7 +34,7 @@ class Frame(Protocol):
         """Return points (B,), given about the local origins, in the frame, with a height that is exactly known."""
         ...
 
-    def whole_covariance(self, covariance: SymmetricMatrix) -> SymmetricMatrix:
+    def whole_covariance(self, covariance: SymmetricMatrix, *point: FloatArray) -> SymmetricMatrix:
         """Return the covariances of all coordinates; zeros for a height that is exactly known."""
         ...
 
@@ -70,7 +70,7 @@ def paired_estimates(
     positions = zip(frame.absolute(*best.point), frame.absolute(*rest.point), strict=True)
     certain = has_covariance(status)
     further = {name: np.where(certain, join(first, columns[1][name]), np.nan) for name, first in columns[0].items()}
-    covariances = (frame.whole_covariance(optimum.covariance) for optimum in optima)
+    covariances = (frame.whole_covariance(optimum.covariance, *optimum.point) for optimum in optima)
     return Estimates.of(
         status,
         tuple(join(*pair) for pair in positions),

@@ -12,7 +12,6 @@ from scipy.special import erf
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_overflow
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
-from nlosctl.models.space.lines import SpaceLines
 from nlosctl.solvers.bearings.ray_crossings import Candidates
 from nlosctl.solvers.bearings.row_terms import tube_width_m
 from nlosctl.solvers.bearings.space_crossings import ends_at_height, ends_of_ranges
@@ -100,7 +99,7 @@ def grow_hypotheses(
     the set then stay below their thresholds; or, ``by_likelihood``, if (23) does not get worse. Rows of one group
     (paths of one sensor) are never together in a set; a pair from one group is discarded.
     """
-    in_space = isinstance(model.lines, SpaceLines)
+    in_space = not isinstance(model.lines, SightLines)
     state: Any = start_in_space(model, first, second) if in_space else _start(model, first, second, lognormal)
     snapshot, index = np.nonzero(state.alive)
     used = np.zeros((*first.shape, model.mixture.count), dtype=bool)
@@ -121,7 +120,7 @@ def grow_hypotheses(
 
 def lone_hypotheses(model: OutlierModel) -> Hypotheses:
     """Return what snapshots of one row (B, 1) determine: the end of its ray at its range, or at a measured height."""
-    if isinstance(model.lines, SpaceLines):
+    if not isinstance(model.lines, SightLines):
         return _lone_in_space(model)
     nothing = np.full((model.minimum_range_m.shape[0], 1), np.nan)
     state = SourceState(nothing, nothing, SymmetricMatrix(nothing, nothing, nothing), np.isfinite(nothing))

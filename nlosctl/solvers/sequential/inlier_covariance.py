@@ -9,7 +9,9 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_division
 from nlosctl.geometry.blocks import rows_of
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.space.geodesic_lines import GeodesicLines
 from nlosctl.models.space.lines import SpaceLines
+from nlosctl.solvers.bearings.geodesic_row_terms import DirectGeodesics
 from nlosctl.solvers.bearings.joint_range_bearing import RangedBearingProblem
 from nlosctl.solvers.bearings.line_fits import inflate_near_sensors
 from nlosctl.solvers.bearings.row_terms import DirectBearings
@@ -17,14 +19,16 @@ from nlosctl.solvers.bearings.space_row_terms import DirectDirections
 
 __all__ = ["inlier_covariance"]
 
+_Rows = DirectBearings | DirectDirections | DirectGeodesics
 
-def inlier_covariance(rows: DirectBearings | DirectDirections, used: BoolArray, *point: FloatArray) -> SymmetricMatrix:
+
+def inlier_covariance(rows: _Rows, used: BoolArray, *point: FloatArray) -> SymmetricMatrix:
     """Return the inverse information (N,) at points (N,) of the rows marked by ``used`` (N, K).
 
     It is wider near a sensor (`inflate_near_sensors`). A row seen on a circle has the weight of its ray tube's width at
     the point. The covariance of the sequential updates, (10), is linearized where the set began.
     """
-    if isinstance(rows, DirectDirections):
+    if not isinstance(rows, DirectBearings):
         return _in_space(rows.lines, used, point)
     x, y = point
     range_m = rows.lines.range_m(x, y)
@@ -46,7 +50,7 @@ def inlier_covariance(rows: DirectBearings | DirectDirections, used: BoolArray, 
     return inflate_near_sensors(covariance(every, np.zeros(x.shape)), nearest.min(axis=1), covariance)
 
 
-def _in_space(lines: SpaceLines, used: BoolArray, point: Point) -> SymmetricMatrix:
+def _in_space(lines: SpaceLines | GeodesicLines, used: BoolArray, point: Point) -> SymmetricMatrix:
     kinds = lines.of_rows // lines.rows
     std = np.where(np.concatenate([used] * kinds, axis=1), lines.std[:, : lines.of_rows], np.inf)
     masked = lines.with_std(std)

@@ -1,4 +1,4 @@
-"""Outlier suppression in space: sets of rows that grow by updates in information form.
+"""Outlier suppression in space and on the earth: sets of rows that grow by updates in information form.
 
 A row with the gradient g and the Gauss-Newton matrix G of half its chi-square at a position of information J moves
 it by -(J + G)^-1 g and adds G: the update (6)-(14) of Ananthasubramaniam and Madhow for rows of several scalars, in
@@ -17,7 +17,7 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_overflow
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.selected_rows import SelectedRows
-from nlosctl.solvers.bearings.space_crossings import cross_in_space
+from nlosctl.solvers.bearings.row_crossings import cross_rows
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.optimization.problem import RowDerivatives
 from nlosctl.solvers.sequential.growing_sets import GrowingSets, may_pair
@@ -44,7 +44,7 @@ class SpaceState:
 
 def start_in_space(model: OutlierModel, first: IntArray, second: IntArray) -> SpaceState:
     """Return the crossings of pairs of rows (B, M) that may both be direct; their information is not yet known."""
-    crossings = cross_in_space(model.lines, first, second)
+    crossings = cross_rows(model.lines, first, second)
     alive = crossings.valid & may_pair(model, first, second)
     return SpaceState(crossings.point, SymmetricMatrix.full(alive.shape, np.nan, model.mixture.dimension), alive)
 
