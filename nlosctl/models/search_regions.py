@@ -6,12 +6,12 @@ from functools import reduce
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray, Point
+from nlosctl.arrays import BoolArray, FloatArray, Point
 from nlosctl.contract.fields import BoxField, CircleField, Field, PolygonField
 from nlosctl.geometry.blocks import max_measurements
 from nlosctl.geometry.regions import BoxRegion, CircleRegion, PolygonRegion, PrismRegion, Region
 
-__all__ = ["reach_region", "search_region"]
+__all__ = ["near_edge", "reach_region", "search_region"]
 
 
 def search_region(field: Field, sensors: Point, center: Point) -> Region:
@@ -43,6 +43,18 @@ def reach_region(region: Region, points: Point, reach_m: FloatArray) -> Region:
         tuple(np.minimum(least, -max_measurements(-part) - reach_m) for least, part in zip(lower, points, strict=True)),
         tuple(np.maximum(most, max_measurements(part) + reach_m) for most, part in zip(upper, points, strict=True)),
     )
+
+
+def near_edge(field: Field, sensors: Point, position_m: FloatArray, share: float) -> BoolArray:
+    """Return which positions (D, E) are on the edge of the region that ``field`` means with sensors, D arrays (E, K).
+
+    On the edge is within a ``share`` of the region's largest side.
+    """
+    center = tuple(part[:, 0] for part in sensors)
+    region = search_region(field, sensors, center)
+    side = reduce(np.maximum, [most - least for least, most in zip(*region.bounds_m, strict=True)])
+    away = (part - middle for part, middle in zip(position_m, center, strict=True))
+    return region.on_edge(*away, tolerance_m=share * side)
 
 
 def _plane_region(field: BoxField | CircleField | PolygonField, center: Point) -> Region:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 import subprocess
 from pathlib import Path
 
@@ -182,3 +183,14 @@ def test_the_function_equals_the_command(ring: Path) -> None:
     found = rows(run(ring, "localize", "-m", "mixture-ml", "same.csv", *words).stdout)
     assert [float(row["x_m"]) for row in found] == result.estimates.column("x_m").to_pylist()
     assert json.loads((ring / "report.json").read_text())["methods"]["mixture-ml"]["answered"] == 20
+
+
+def test_estimates_at_the_top_of_a_region_in_space_are_at_its_edge(tmp_path: Path) -> None:
+    """Of sources up to 200 m high in a region up to 100 m, many fixes are at its top; in one up to 300 m none is."""
+    assert run(tmp_path, "simulate", "space-ring", "-n", "60", "-q", "-o", "ring.csv").returncode == 0
+    for top, many in ((100, True), (300, False)):
+        words = (f"--field=-1000,1000,-1000,1000,-100,{top}", "-p", "search_outside=false", "-o", f"{top}.csv")
+        done = run(tmp_path, "localize", "-m", "mixture-ml", "ring.csv", *words)
+        match = re.search(r"; (\d+) of \d+ estimates are at its edge", done.stderr)
+        assert match is not None
+        assert int(match[1]) > 6 if many else int(match[1]) == 0

@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, SeedArray
+from nlosctl.arrays import BoolArray, IntArray, SeedArray
 from nlosctl.contract.batches import Batch, batch_class
 from nlosctl.contract.fields import Field, SensorsField
 from nlosctl.contract.result_checks import contract_violation
-from nlosctl.contract.results import Flags, Solution, Trace, no_estimates
+from nlosctl.contract.results import Estimates, Flags, Solution, Trace, no_estimates
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import MethodError, NlosctlError, in_one_line
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.io.results.measurement_layouts import ChunkTrace, chunk_trace
-from nlosctl.models.search_regions import search_region
+from nlosctl.models.search_regions import near_edge
 from nlosctl.pipeline.solve.merged_flags import flags_of_windows, scattered
 from nlosctl.pipeline.solve.method_runs import BlockSolver, MethodRun
 from nlosctl.pipeline.solve.reference_rows import (
@@ -165,23 +165,24 @@ class ChunkSolver:
             search_failure=np.full(size, np.nan) if estimates.search_failure is None else estimates.search_failure,
             status=estimates.status,
             covariance_kind=kinds,
-            on_edge=self._on_edge(chunk, row[estimates.row], estimates.position_m)
-            if searches
-            else np.zeros(size, dtype=bool),
+            on_edge=self._on_edge(chunk, row[estimates.row], estimates) if searches else np.zeros(size, dtype=bool),
             columns=estimates.columns,
         )
 
-    def _on_edge(self, chunk: Chunk, row: IntArray, position_m: FloatArray) -> BoolArray:
-        """Return which estimates (E,), of snapshots with the rows (E, K), are on the edge of the search region."""
+    def _on_edge(self, chunk: Chunk, row: IntArray, estimates: Estimates) -> BoolArray:
+        """Return which estimates (E,), of snapshots with the rows (E, K), are on the edge of the search region.
+
+        In space that is its top or bottom too, unless the height is exactly known.
+        """
         if not row.size:
             return np.zeros(row.shape[0], dtype=bool)
-        sensor_x, sensor_y = chunk.columns["sensor_x_m"][row], chunk.columns["sensor_y_m"][row]
-        center_x, center_y = sensor_x[:, 0], sensor_y[:, 0]
-        region = search_region(self.field, (sensor_x, sensor_y), (center_x, center_y))
-        (xmin, ymin), (xmax, ymax) = region.bounds_m
-        x, y = position_m[:, 0], position_m[:, 1]
-        tolerance_m = _EDGE_SHARE * np.maximum(xmax - xmin, ymax - ymin)
-        return region.on_edge(x - center_x, y - center_y, tolerance_m=tolerance_m)
+        place = estimates.position_m.T
+        sensors = tuple(chunk.columns[f"sensor_{axis}_m"][row] for axis in "xyz"[: len(place)])
+        beside = near_edge(self.field, sensors[:2], place[:2], _EDGE_SHARE)
+        if len(place) == 2:
+            return beside
+        held = estimates.covariance_m2[:, -1] == 0.0
+        return np.where(held, beside, near_edge(self.field, sensors, place, _EDGE_SHARE))
 
     def _chunk_flags(self, chunk: Chunk, run: MethodRun, solved: Sequence[Solved]) -> Flags:
         """Return flags (N,): rows that took no part are not used, and null in the other columns."""
