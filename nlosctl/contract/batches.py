@@ -187,6 +187,11 @@ class ArrivalBatch(Batch):
     ``arrival_m`` are the arrivals less ``origin_m`` (B,), which was subtracted while they were exact, and which the
     offsets of the estimates include again. ``arrival_std_m`` is of a single arrival; all are finite, stds positive.
     ``sensor`` numbers the sensors; ``sensor_z_m`` is their height in space, None in the plane.
+
+    If the rows of each snapshot are independent differences, ``reference_xy_m`` (B, K, 2) are the positions of the
+    sensors whose arrivals are subtracted, and ``reference_z_m`` (B, K) their heights in space; there is no offset then,
+    ``arrival_std_m`` is of the difference, and ``origin_m`` is 0. None where all rows have one offset. Only methods
+    that read ``reference`` (see `MethodSpec.reads`) get such snapshots.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -205,6 +210,8 @@ class ArrivalBatch(Batch):
     arrival_std_m: FloatArray
     origin_m: FloatArray
     sensor_z_m: FloatArray | None = None
+    reference_xy_m: FloatArray | None = None
+    reference_z_m: FloatArray | None = None
 
     @property
     def measurements(self) -> int:

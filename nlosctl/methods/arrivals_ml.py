@@ -15,6 +15,7 @@ from nlosctl.models.arrivals import arrival_rows
 from nlosctl.solvers.arrivals.closed_forms import initial_estimates
 from nlosctl.solvers.arrivals.far_field import without_open_distance
 from nlosctl.solvers.arrivals.likelihood import AT_INFINITY, ArrivalProblem
+from nlosctl.solvers.arrivals.pair_estimates import pair_estimates
 from nlosctl.solvers.optimization.two_optima import find_best_two, nearer_first
 from nlosctl.solvers.ranges.optima import estimate_factors, finish_range_fix, with_covariances
 
@@ -41,11 +42,12 @@ def solve(batch: ArrivalBatch, options: ArrivalOptions) -> Solution:
     """Solve a batch by the likelihood of the arrivals, (1) of `nlosctl.models.arrivals`, in the plane or in space.
 
     Levenberg-Marquardt from the closed forms of `initial_estimates`. That is the likelihood of all differences to any
-    reference with their full covariance. The covariance is the inverse Fisher information at the estimate. A source
-    whose arrivals a plane wave explains nearly as well is degenerate.
+    reference with their full covariance. Independent differences of pairs have no offset, and their initial estimates
+    are those of `pair_estimates`. The covariance is the inverse Fisher information at the estimate. A source whose
+    arrivals a plane wave explains nearly as well is degenerate.
     """
     rows = arrival_rows(batch)
-    points = initial_estimates(rows)
+    points = pair_estimates(rows) if rows.of_pairs else initial_estimates(rows)
     plausible = None
     if batch.std == "stated":
         plausible = _PLAUSIBLE + 2.0 * rows.degrees_of_freedom.astype(np.float64)
@@ -85,6 +87,7 @@ METHOD = MethodSpec(
     minimum_measurements=2,
     flags=("residual_m",),
     estimate_columns=OFFSETS,
+    reads=frozenset({"reference"}),
     scales_std=True,
     dimensions=(2, 3),
 )

@@ -6,6 +6,10 @@ differences to any reference with their full covariance:
 
     r_i = (t_i - |x - a_i| - c(x)) / s_i,    dr_i/dx = -(u_i - m) / s_i,    m the weighted mean of u_i
     C_xx = (sum of w_i (u_i - m)(u_i - m)')^-1,    C_xc = -C_xx m,    C_cc = 1 / sum of w + m' C_xx m
+
+Independent differences of pairs of sensors i, j, each with a std s of its own, have no offset:
+
+    r = (t - |x - a_i| + |x - a_j|) / s,    dr/dx = -(u_i - u_j) / s
 """
 
 from __future__ import annotations
@@ -17,7 +21,7 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_overflow
 from nlosctl.contract.batches import ArrivalBatch
-from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
+from nlosctl.geometry.blocks import RowBlock, max_measurements, side_by_side, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.measured_height import MeasuredHeight
 
@@ -31,8 +35,8 @@ _MANY_STDS = 6.0
 class Compared(NamedTuple):
     """Arrivals compared with points: residuals r (B, K) over their std and their D derivatives.
 
-    ``offset_m`` (B,) is the likeliest offset, ``pull`` its D derivatives with the opposite sign, m. ``distance_m`` and
-    ``along``, the D derivatives u of the distances, are (B, K).
+    ``offset_m`` (B,) is the likeliest offset, ``pull`` its D derivatives with the opposite sign, m; 0 for differences.
+    ``distance_m`` and ``along``, the D derivatives u of the distances, are (B, K), or (B, 2 K) for differences.
     """
 
     residual: FloatArray
@@ -49,6 +53,7 @@ class ArrivalRows(RowBlock):
 
     ``origin_m`` (B,) was subtracted from the arrivals. ``level`` is a measured height in space. Where the height of
     the source is exactly known D is 2: ``held_z_m`` (B,) is that height, ``height`` (B, K) are the sensors' over it.
+    Of independent differences ``sensor`` and ``height`` are (B, 2 K): the sensors, then the references.
     """
 
     center: tuple[FloatArray, ...]
@@ -61,10 +66,15 @@ class ArrivalRows(RowBlock):
     held_z_m: FloatArray | None = None
 
     @property
+    def of_pairs(self) -> bool:
+        """Whether the arrivals are independent differences of pairs of sensors, without a common offset."""
+        return bool(self.sensor[0].shape[1] > self.arrival_m.shape[1])
+
+    @property
     def degrees_of_freedom(self) -> IntArray:
-        """The number (B,) of measured scalars minus that of the unknowns, the offset among them."""
+        """The number (B,) of measured scalars minus that of the unknowns, a common offset among them."""
         heights = 0 if self.level is None else self.level.known
-        scalars: IntArray = np.full(self.origin_m.shape, self.arrival_m.shape[1] - 1, dtype=np.int64)
+        scalars: IntArray = np.full(self.origin_m.shape, self.arrival_m.shape[1] - (not self.of_pairs), dtype=np.int64)
         return np.asarray(scalars - len(self.center) + heights)
 
     @property
@@ -93,23 +103,19 @@ class ArrivalRows(RowBlock):
         return np.where(size > 0.0, size, 1.0)
 
     def distance_m(self, *point: FloatArray) -> FloatArray:
-        """Return the distances (B, K) of points (B,) from the sensors."""
-        squared = np.zeros(self.arrival_m.shape, order="F") if self.height is None else self.height * self.height
+        """Return the distances (B, K) of points (B,) from the sensors, (B, 2 K) from sensors and references."""
+        squared = np.zeros(self.sensor[0].shape, order="F") if self.height is None else self.height * self.height
         for part, own in zip(point, self.sensor, strict=True):
             away = part[:, None] - own
             away *= away
             squared += away
         return np.sqrt(squared)
 
-    def offset_m(self, *point: FloatArray) -> FloatArray:
-        """Return the likeliest offsets (B,) of points (B,), of the arrivals as they are here."""
-        return self._mean(self.arrival_m - self.distance_m(*point))
-
     def residual_m(self, *point: FloatArray) -> FloatArray:
-        """Return the arrivals minus distance and offset (B, K) at points (B,)."""
-        excess = self.arrival_m - self.distance_m(*point)
+        """Return the arrivals minus distance and offset (B, K) at points (B,), or the differences minus theirs."""
+        excess = self.arrival_m - self._measured(self.distance_m(*point))
         with ignoring_division():
-            return np.asarray(excess - self._mean(excess)[:, None])
+            return np.asarray(excess - self._common(excess)[:, None])
 
     def compare(self, *point: FloatArray) -> Compared:
         """Return residuals and derivatives at points (B,); not finite on a sensor."""
@@ -117,11 +123,23 @@ class ArrivalRows(RowBlock):
         inverse_std = 1.0 / self.std_m
         with ignoring_division():
             along = tuple((part[:, None] - own) / distance for part, own in zip(point, self.sensor, strict=True))
-            excess = self.arrival_m - distance
-            offset = self._mean(excess)
-            pull = tuple(self._mean(part) for part in along)
-            slopes = tuple((mean[:, None] - part) * inverse_std for part, mean in zip(along, pull, strict=True))
+            excess = self.arrival_m - self._measured(distance)
+            offset = self._common(excess)
+            measured = tuple(map(self._measured, along))
+            pull = tuple(map(self._common, measured))
+            slopes = tuple((mean[:, None] - part) * inverse_std for part, mean in zip(measured, pull, strict=True))
             return Compared((excess - offset[:, None]) * inverse_std, slopes, offset, pull, distance, along)
+
+    def bending(self, at: Compared) -> FloatArray:
+        """Return residuals over std and distance by sensor (B, K), or by sensor and reference (B, 2 K).
+
+        With the projector P across the ray, the sum of these times -P is that of the residuals times their second
+        derivatives: the offset has no part in it, since the residuals over std sum to zero.
+        """
+        if not self.of_pairs:
+            return np.asarray(at.residual / (self.std_m * at.distance_m))
+        scaled = at.residual / self.std_m
+        return np.asarray(side_by_side(scaled, -scaled) / at.distance_m)
 
     def information(self, *point: FloatArray) -> SymmetricMatrix:
         """Return the Fisher information (B,) of the position at points (B,), the offset eliminated."""
@@ -136,11 +154,11 @@ class ArrivalRows(RowBlock):
             weight = 1.0 / (self.std_m * self.std_m)
             excess, mean = [], np.zeros(point[0].shape)
             for k in range(self.arrival_m.shape[1]):
-                squared = np.zeros(point[0].shape) if self.height is None else self.height[:, k, None] ** 2
-                for part, own in zip(point, self.sensor, strict=True):
-                    squared = squared + (part - own[:, k, None]) ** 2
-                excess.append(self.arrival_m[:, k, None] - np.sqrt(squared))
-                mean += weight[:, k, None] * excess[k]
+                excess.append(self.arrival_m[:, k, None] - self._distances_m(k, point))
+                if self.of_pairs:
+                    excess[k] += self._distances_m(self.arrival_m.shape[1] + k, point)
+                else:
+                    mean += weight[:, k, None] * excess[k]
             mean /= sum_measurements(weight)[:, None]
             total = np.zeros(point[0].shape)
             for k, part in enumerate(excess):
@@ -151,7 +169,10 @@ class ArrivalRows(RowBlock):
         return total
 
     def offset_columns(self, point: tuple[FloatArray, ...], covariance: SymmetricMatrix) -> dict[str, FloatArray]:
-        """Return the columns (B,) of the offset at points with a covariance: value, std, covariances with x, y, z."""
+        """Return the columns (B,) of the offset at points with a covariance: value, std, covariances with x, y, z.
+
+        NaN for independent differences.
+        """
         at, dimension = self.compare(*point), len(point)
         with ignoring_division():
             cross = [
@@ -165,19 +186,31 @@ class ArrivalRows(RowBlock):
             cross.append(np.zeros(variance.shape))
         names = (f"cov_{axis}_offset_m2" for axis in "xyz")
         columns = {"offset_m": at.offset_m + self.origin_m, "offset_std_m": np.sqrt(np.maximum(variance, 0.0))}
-        return {**columns, **dict(zip(names, cross, strict=False))}
+        columns |= dict(zip(names, cross, strict=False))
+        return {name: np.full(part.shape, np.nan) for name, part in columns.items()} if self.of_pairs else columns
 
     def contradictory(self) -> BoolArray:
         """Return which snapshots (B,) have two arrivals farther apart than their sensors, by many stds."""
         found = np.zeros(self.origin_m.shape, dtype=bool)
-        for i in range(self.arrival_m.shape[1]):
+        count = self.arrival_m.shape[1]
+        if self.of_pairs:
+            for k in range(count):
+                longest = self._baseline_m(k, count + k) + _MANY_STDS * self.std_m[:, k]
+                found |= np.abs(self.arrival_m[:, k]) > longest
+            return found
+        for i in range(count):
             for k in range(i):
-                squared = np.zeros(found.shape) if self.height is None else (self.height[:, i] - self.height[:, k]) ** 2
-                for part in self.sensor:
-                    squared = squared + (part[:, i] - part[:, k]) ** 2
                 spread = np.hypot(self.std_m[:, i], self.std_m[:, k])
-                found |= np.abs(self.arrival_m[:, i] - self.arrival_m[:, k]) > np.sqrt(squared) + _MANY_STDS * spread
+                longest = self._baseline_m(i, k) + _MANY_STDS * spread
+                found |= np.abs(self.arrival_m[:, i] - self.arrival_m[:, k]) > longest
         return found
+
+    def _baseline_m(self, i: int, k: int) -> FloatArray:
+        """Return the distances (B,) between two sensors or references."""
+        squared = np.zeros(self.origin_m.shape) if self.height is None else (self.height[:, i] - self.height[:, k]) ** 2
+        for part in self.sensor:
+            squared = squared + (part[:, i] - part[:, k]) ** 2
+        return np.sqrt(squared)
 
     def single_origin(self) -> BoolArray:
         """Return which snapshots (B,) have all their sensors at a single point."""
@@ -185,21 +218,40 @@ class ArrivalRows(RowBlock):
         single: BoolArray = max_measurements(away) == 0.0
         return single
 
-    def _mean(self, values: FloatArray) -> FloatArray:
-        """Return the weighted means (B,) of values (B, K)."""
+    def _distances_m(self, k: int, point: tuple[FloatArray, ...]) -> FloatArray:
+        """Return the distances (B, P) of points (B, P) from one sensor or reference."""
+        squared = np.zeros(point[0].shape) if self.height is None else self.height[:, k, None] ** 2
+        for part, own in zip(point, self.sensor, strict=True):
+            squared = squared + (part - own[:, k, None]) ** 2
+        return np.sqrt(squared)
+
+    def _measured(self, values: FloatArray) -> FloatArray:
+        """Return values by sensor (B, K), or by sensor and reference (B, 2 K) their differences (B, K)."""
+        count = self.arrival_m.shape[1]
+        return values[:, :count] - values[:, count:] if self.of_pairs else values
+
+    def _common(self, values: FloatArray) -> FloatArray:
+        """Return what the offset takes off values (B, K): their weighted means (B,), 0 from independent differences."""
+        if self.of_pairs:
+            return np.zeros(values.shape[0])
         weight = 1.0 / (self.std_m * self.std_m)
         return np.asarray(sum_measurements(weight * values) / sum_measurements(weight))
 
 
 def arrival_rows(batch: ArrivalBatch) -> ArrivalRows:
-    """Return the arrivals of a batch about the mean of each snapshot's sensor positions."""
+    """Return the arrivals of a batch about the mean of each snapshot's sensor positions, references among them."""
     sensor: tuple[FloatArray, ...] = (batch.sensor_xy_m[..., 0], batch.sensor_xy_m[..., 1])
+    if batch.dimension == 3 and batch.sensor_z_m is not None:
+        sensor = (*sensor, batch.sensor_z_m)
+    if batch.reference_xy_m is not None:
+        reference: tuple[FloatArray, ...] = (batch.reference_xy_m[..., 0], batch.reference_xy_m[..., 1])
+        if batch.dimension == 3 and batch.reference_z_m is not None:
+            reference = (*reference, batch.reference_z_m)
+        sensor = tuple(side_by_side(own, other) for own, other in zip(sensor, reference, strict=True))
     height = level = held = None
-    sensor_z, target_z = (batch.sensor_z_m, batch.target_z_m) if batch.dimension == 3 else (None, None)
-    if sensor_z is not None and target_z is not None and batch.height_held:
-        held, height = target_z, np.asfortranarray(sensor_z - target_z[:, None])
-    elif sensor_z is not None:
-        sensor = (*sensor, sensor_z)
+    target_z = batch.target_z_m if batch.dimension == 3 else None
+    if target_z is not None and batch.height_held:
+        held, height, sensor = target_z, np.asfortranarray(sensor[2] - target_z[:, None]), sensor[:2]
     center = tuple(sum_measurements(part) / part.shape[1] for part in sensor)
     if held is None and target_z is not None and batch.target_z_std_m is not None:
         level = MeasuredHeight.of(target_z, batch.target_z_std_m, center[2])

@@ -169,13 +169,13 @@ class MeasurementReader:
         """Return the chunk with what its columns imply, counted; None without one, or if a fault stops the run."""
         if chunk is None or (self._tally.log.total and self._tally.log.stops_the_run):
             return None
+        self.report.snapshots += len(chunk.snapshot)
+        left_out = chunk.left_out if chunk.windows is None else chunk.left_out & chunk.windows.leads
+        self.report.left_out_rows += int(left_out.sum())
         if not {"target_z_m", "reference"}.isdisjoint(chunk.columns):
             from nlosctl.io.measurements.completion.completed_rows import completed_chunk
 
             chunk = completed_chunk(chunk, self.sensor_names)
-        self.report.snapshots += len(chunk.snapshot)
-        left_out = chunk.left_out if chunk.windows is None else chunk.left_out & chunk.windows.leads
-        self.report.left_out_rows += int(left_out.sum())
         return chunk
 
     def _row_batches(self, given: Input) -> Iterator[RowBatch]:

@@ -1,4 +1,4 @@
-"""Arrivals in batches: about an origin, and with a reference's arrival of 0, which a file need not have as a row."""
+"""Arrivals in batches: about an origin, with a reference's arrival of 0, or as independent differences of pairs."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.arrays import FloatArray, IntArray
+from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.results import Solution
+from nlosctl.errors import UsageError
+from nlosctl.io.measurements.completion.references import FORM, Form
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.pipeline.solve.target_heights import by_height
 
 __all__ = [
-    "LACKS_REFERENCE",
     "about_origin",
     "alike_blocks",
-    "lacks_reference",
-    "with_reference_row",
+    "difference_form",
+    "refuse_pairs",
+    "with_references",
     "without_reference_row",
 ]
-
-LACKS_REFERENCE = "lacks_reference"
-"""The column that marks rows whose snapshot lacks the row of its reference."""
 
 _OF_REFERENCE = {
     "sensor": ("reference",),
@@ -36,20 +36,31 @@ _OF_REFERENCE = {
 
 
 def alike_blocks(chunk: Chunk, snapshot: IntArray, row: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
-    """Yield the snapshots (B,) and rows (B, K) of a block that can share a batch: by heights, then by references."""
+    """Yield the snapshots (B,) and rows (B, K) of a block that can share a batch: by heights, then by differences."""
     for some, rows in by_height(chunk, snapshot, row):
-        if LACKS_REFERENCE not in chunk.columns or not row.shape[1]:
+        if FORM not in chunk.columns or not row.shape[1]:
             yield some, rows
             continue
-        lacks = chunk.columns[LACKS_REFERENCE][rows[:, 0]]
-        for alike in (lacks == 0, lacks == 1):
+        form = chunk.columns[FORM][rows[:, 0]]
+        for known in Form:
+            alike = form == known
             if alike.any():
                 yield some[alike], rows[alike]
 
 
-def lacks_reference(columns: Mapping[str, npt.NDArray[Any]], row: IntArray) -> bool:
-    """Return whether the snapshots with the rows (B, K), alike in this, lack the row of their reference."""
-    return row.size > 0 and bool(columns[LACKS_REFERENCE][row[0, 0]])
+def difference_form(columns: Mapping[str, npt.NDArray[Any]], row: IntArray) -> Form | None:
+    """Return the form of the snapshots with the rows (B, K), alike in this; None if they have no differences."""
+    return Form(int(columns[FORM][row[0, 0]])) if FORM in columns and row.size else None
+
+
+def refuse_pairs(spec: MethodSpec, chunk: Chunk, snapshot: int) -> None:
+    """Raise UsageError for independent differences and a method that takes them as arrivals with one offset."""
+    if "reference" not in spec.reads:
+        raise UsageError(
+            f"{chunk.source}, snapshot {chunk.snapshot[snapshot].as_py()!r}: differences to several references, but "
+            f"method {spec.name!r} needs one reference in a snapshot; use `method` ml, or give each reference its "
+            "snapshots"
+        )
 
 
 def about_origin(whole: FloatArray, rest: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -60,10 +71,37 @@ def about_origin(whole: FloatArray, rest: FloatArray) -> tuple[FloatArray, Float
     return about, origin
 
 
-def with_reference_row(
+def with_references(
+    arrays: dict[str, npt.NDArray[Any]], columns: Mapping[str, npt.NDArray[Any]], row: IntArray
+) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays (B, K, ...) of a batch with what its differences need.
+
+    A reference without a row gets one at the end: (B, K + 1, ...). Independent differences have no origin, and the
+    positions of their references are arrays of their own.
+    """
+    form = difference_form(columns, row)
+    if form == Form.OF_PAIRS:
+        return _with_pairs(arrays, columns, row)
+    return _with_reference_row(arrays, columns, row) if form == Form.WITHOUT_REFERENCE else arrays
+
+
+def _with_pairs(
     arrays: Mapping[str, npt.NDArray[Any]], columns: Mapping[str, npt.NDArray[Any]], row: IntArray
 ) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays (B, K, ...) of a batch with the reference's row at the end: (B, K + 1, ...)."""
+    origin = arrays["origin_m"]
+    added = {"arrival_m": np.asfortranarray(arrays["arrival_m"] + origin[:, None]), "origin_m": np.zeros(origin.shape)}
+    xy = [columns[f"reference_{axis}_m"][row] for axis in "xy"]
+    added["reference_xy_m"] = np.asfortranarray(np.stack(xy, axis=-1))
+    if "sensor_z_m" in arrays:
+        added["reference_z_m"] = np.asfortranarray(columns["reference_z_m"][row])
+    for values in added.values():
+        values.flags.writeable = False
+    return {**arrays, **added}
+
+
+def _with_reference_row(
+    arrays: Mapping[str, npt.NDArray[Any]], columns: Mapping[str, npt.NDArray[Any]], row: IntArray
+) -> dict[str, npt.NDArray[Any]]:
     extended = {}
     for name, values in arrays.items():
         if name == "arrival_m":

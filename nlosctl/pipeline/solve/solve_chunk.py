@@ -18,6 +18,7 @@ from nlosctl.contract.results import Estimates, Flags, Solution, Trace, no_estim
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import MethodError, NlosctlError, in_one_line
+from nlosctl.io.measurements.completion.references import FORM, Form
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.io.results.measurement_layouts import ChunkTrace, chunk_trace
@@ -25,11 +26,11 @@ from nlosctl.models.search_regions import near_edge
 from nlosctl.pipeline.solve.merged_flags import flags_of_windows, scattered
 from nlosctl.pipeline.solve.method_runs import BlockSolver, MethodRun
 from nlosctl.pipeline.solve.reference_rows import (
-    LACKS_REFERENCE,
     about_origin,
     alike_blocks,
-    lacks_reference,
-    with_reference_row,
+    difference_form,
+    refuse_pairs,
+    with_references,
     without_reference_row,
 )
 from nlosctl.pipeline.solve.report import fit_p_values
@@ -84,7 +85,7 @@ class ChunkSolver:
         estimates: list[ChunkEstimates] = []
         flags: list[Flags] = []
         traces: list[tuple[int, IntArray, IntArray, Trace]] = []
-        alike = alike_blocks if LACKS_REFERENCE in chunk.columns else by_height
+        alike = alike_blocks if FORM in chunk.columns else by_height
         blocks = [
             part
             for block in dense_blocks(chunk.offsets, ~chunk.left_out, self.block_size)
@@ -114,7 +115,10 @@ class ChunkSolver:
     def _solve_block(
         self, chunk: Chunk, snapshot: IntArray, row: IntArray, seed: SeedArray, run: MethodRun, solve: BlockSolver
     ) -> Solution:
-        is_short = LACKS_REFERENCE in chunk.columns and lacks_reference(chunk.columns, row)
+        form = difference_form(chunk.columns, row)
+        if form == Form.OF_PAIRS:
+            refuse_pairs(run.spec, chunk, int(snapshot[0]))
+        is_short = form == Form.WITHOUT_REFERENCE
         if row.shape[1] + is_short < run.spec.minimum_measurements:
             return Solution(estimates=no_estimates(row.shape[0], self.dimension, Status.TOO_FEW))
         batch = dense_batch(
@@ -253,8 +257,8 @@ def dense_batch(
         arrays |= {name: _gather(row[:, 0], [columns[name]]) for name in ("target_z_m", "target_z_std_m")}
     for name, (rest, origin) in cls.EXACT.items():
         arrays |= dict(zip((name, origin), about_origin(columns[name][row], columns[rest][row]), strict=True))
-    if LACKS_REFERENCE in columns and lacks_reference(columns, row):
-        arrays = with_reference_row(arrays, columns, row)
+    if FORM in columns:
+        arrays = with_references(arrays, columns, row)
     batch: Batch = cls(
         scene=scene,
         field=field,

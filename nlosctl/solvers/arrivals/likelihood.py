@@ -39,14 +39,14 @@ class ArrivalProblem(RowBlock):
     def evaluate(self, *point: FloatArray) -> Evaluation:
         """Return cost, gradient and Newton's matrix, or the Gauss-Newton matrix where that is not positive definite.
 
-        Newton's matrix is J'J minus the sum of r_i / s_i (I - u u') / distance: the mean that the offset takes off
-        the residuals has no second-order part, since the weighted residuals sum to zero. Infinite beyond the reach.
+        Newton's matrix is J'J minus the sum of r_i / s_i (I - u u') / distance, see `ArrivalRows.bending`. Infinite
+        beyond the reach.
         """
         rows = self.rows
         with ignoring_overflow():
             at = rows.compare(*point)
             simple = SymmetricMatrix.gram(*at.slopes)
-            bend = at.residual / (rows.std_m * at.distance_m)
+            bend = rows.bending(at)
             newton = simple + SymmetricMatrix.gram(*at.along, weight=bend)
             newton = newton.add_to_diagonal(-sum_measurements(bend))
             cost = 0.5 * sum_measurements(at.residual * at.residual)

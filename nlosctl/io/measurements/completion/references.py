@@ -1,9 +1,10 @@
-"""Differences of arrival times: which sensor they refer to, where it is, and the row that it lacks."""
+"""Differences of arrival times: to which sensors they refer, where those are, and which form a snapshot has."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +21,22 @@ from nlosctl.io.measurements.scene_columns import SceneColumns
 if TYPE_CHECKING:
     from nlosctl.io.measurements.reader import Chunk
 
-__all__ = ["arrival_plan", "check_arrivals", "resolve_references"]
+__all__ = ["FORM", "Form", "arrival_plan", "check_arrivals", "resolve_references"]
+
+FORM = "difference_form"
+"""The column of the form of a row's snapshot."""
+
+
+class Form(IntEnum):
+    """What the differences of a snapshot are.
+
+    All to one reference, which has a row of its own or not; or to several, and then independent of each other.
+    """
+
+    WITH_REFERENCE = 0
+    WITHOUT_REFERENCE = 1
+    OF_PAIRS = 2
+
 
 _AXES = ("x", "y", "z")
 _STD = "reference_std_m"
@@ -72,29 +88,33 @@ def check_arrivals(
 
 
 def resolve_references(chunk: Chunk, names: Sequence[str]) -> Chunk:
-    """Return the chunk with ``lacks_reference`` (N,), and the position and std of the reference in such snapshots.
+    """Return the chunk with the `Form` of each row's snapshot (N,), and the positions and stds of references.
 
-    The position is that of the rows, else of the scene; the std that of the rows, else the root mean square of the
-    others'. If the reference has a row itself, nothing is lacking. Raises DataError for a reference without a position,
-    and for differences to several references in one snapshot.
+    With one reference the position and std are those of the snapshot: of the rows, else of the scene, and without a std
+    the root mean square of the others'. With several the position is that of the row, of the scene, or of a row of
+    that sensor in the snapshot, there is no such std, and the reference's own rows, which have no information, are left
+    out. Raises DataError for a reference without a position that is needed.
     """
     columns, offsets = chunk.columns, chunk.offsets
-    first = np.repeat(offsets[:-1], np.diff(offsets))
-    reference = columns["reference"]
-    several = reference != reference[first]
-    if several.any():
-        row = int(np.argmax(several))
-        raise DataError(
-            f"{_where(chunk, row)}: differences to several references ({names[reference[first[row]]]!r}, "
-            f"{names[reference[row]]!r}), expected one in all rows of a snapshot; give each reference its snapshots"
-        )
-    has_own = np.maximum.reduceat((columns["sensor"] == reference) & ~chunk.left_out, offsets[:-1])
-    lacks = np.repeat(~has_own, np.diff(offsets))
-    found: dict[str, npt.NDArray[Any]] = {"lacks_reference": lacks.astype(np.int64)}
+    counts = np.diff(offsets)
+    snapshot = np.repeat(np.arange(counts.shape[0]), counts)
+    reference, own = columns["reference"], columns["sensor"] == columns["reference"]
+    several = np.maximum.reduceat(reference != reference[offsets[:-1]][snapshot], offsets[:-1])
+    has_own = np.maximum.reduceat(own & ~chunk.left_out, offsets[:-1])
+    one_form = np.where(has_own, Form.WITH_REFERENCE, Form.WITHOUT_REFERENCE)
+    form = np.where(several, Form.OF_PAIRS, one_form)[snapshot]
+    pairs = form == Form.OF_PAIRS
+    _refuse_std(chunk, pairs, names)
     axes = [axis for axis in _AXES if f"reference_{axis}_m" in columns]
+    same = _row_of_reference(columns, snapshot)
+    found: dict[str, npt.NDArray[Any]] = {FORM: form}
     for axis in axes:
-        found[f"reference_{axis}_m"] = _first_known(columns[f"reference_{axis}_m"], offsets)
-    unknown = lacks & np.isnan([found[f"reference_{axis}_m"] for axis in axes]).any(axis=0)
+        given = columns[f"reference_{axis}_m"]
+        of_sensor = np.append(columns[f"sensor_{axis}_m"], np.nan)[same]
+        of_row = np.where(np.isnan(given), of_sensor, given)
+        found[f"reference_{axis}_m"] = np.where(pairs, of_row, _first_known(given, offsets))
+    unknown = np.isnan([found[f"reference_{axis}_m"] for axis in axes]).any(axis=0)
+    unknown &= (pairs & ~own) | (form == Form.WITHOUT_REFERENCE)
     if unknown.any():
         row = int(np.argmax(unknown))
         raise DataError(
@@ -102,7 +122,30 @@ def resolve_references(chunk: Chunk, names: Sequence[str]) -> Chunk:
             f"position; add columns {', '.join(f'reference_{axis}_m' for axis in axes)}, or the sensor to a scene"
         )
     found[_STD] = _stds(columns, chunk.left_out, offsets)
-    return replace(chunk, columns={**columns, **found})
+    return replace(chunk, columns={**columns, **found}, left_out=chunk.left_out | (pairs & own))
+
+
+def _refuse_std(chunk: Chunk, pairs: BoolArray, names: Sequence[str]) -> None:
+    """Raise DataError for a std of a reference's arrival among independent differences, whose std is their own."""
+    given = pairs & ~np.isnan(chunk.columns[_STD])
+    if given.any():
+        row = int(np.argmax(given))
+        raise DataError(
+            f"{_where(chunk, row)}, column {_STD!r}: got {chunk.columns[_STD][row]:g} m for "
+            f"{names[chunk.columns['reference'][row]]!r}, but the differences there are to several references: each is "
+            "independent, and its arrival_std_m is that of the difference; empty the column, or give each reference "
+            "its snapshots"
+        )
+
+
+def _row_of_reference(columns: Any, snapshot: IntArray) -> IntArray:
+    """Return for each row (N,) the first row of its reference as a sensor in the snapshot, N where there is none."""
+    size = snapshot.shape[0]
+    codes = int(max(columns["sensor"].max(initial=0), columns["reference"].max(initial=0))) + 1
+    key, wanted = snapshot * codes + columns["sensor"], snapshot * codes + columns["reference"]
+    order = np.argsort(key, kind="stable")
+    at = np.minimum(np.searchsorted(key[order], wanted), size - 1)
+    return np.asarray(np.where(key[order[at]] == wanted, order[at], size))
 
 
 def _where(chunk: Chunk, row: int) -> str:

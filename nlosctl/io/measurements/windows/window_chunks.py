@@ -217,11 +217,15 @@ def _opposite_fault(index: int) -> str:
 def _sensor_runs(piece: _Piece) -> tuple[IntArray, IntArray]:
     """Return an order (N,) that puts the rows of a sensor in a window together, and the number (N,) of each such run.
 
-    A sensor is one with its path and reflector (of triplets: transmitter, receiver and path). Rows that an earlier step
-    flagged are runs by themselves.
+    A sensor is one with its reference, path and reflector (triplets: transmitter, receiver, path). Rows that an earlier
+    step flagged are runs by themselves.
     """
     columns = piece.rows.columns
-    names = ("sensor", "path", "reflector") if "sensor" in columns else ("tx_x_m", "tx_y_m", "rx_x_m", "rx_y_m", "path")
+    names = (
+        ("sensor", "reference", "path", "reflector")
+        if "sensor" in columns
+        else ("tx_x_m", "tx_y_m", "rx_x_m", "rx_y_m", "path")
+    )
     alone = np.where(piece.rows.left_out, np.arange(len(piece.rows)), -1)
     keys: list[npt.NDArray[Any]] = [alone, *(columns[name] for name in names if name in columns), piece.window]
     order = np.lexsort(keys)

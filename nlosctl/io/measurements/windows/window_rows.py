@@ -147,9 +147,9 @@ class WindowedRows:
         return np.asarray(rank[rows.columns["sensor"]])
 
     def _epoch_sensors(self, rows: RowBatch) -> IntArray:
-        """Return numbers (N,) of what reports again in a later epoch: a sensor, and its path and reflector."""
+        """Return numbers (N,) of what reports again in a later epoch: a sensor, its reference, path and reflector."""
         numbers = self._sensor_ranks(rows)
-        for name in ("path", "reflector"):
+        for name in ("reference", "path", "reflector"):
             if name in rows.columns:
                 values = rows.columns[name]
                 numbers = numbers * (int(values.max(initial=0)) + 2) + values + 1

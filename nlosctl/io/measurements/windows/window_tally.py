@@ -33,7 +33,9 @@ def tally_windows(windows: Counter[str], made: SortedRows, mine: BoolArray, widt
         return
     size = made.heads.shape[0]
     window = np.repeat(np.arange(size), np.diff(made.heads, append=len(made.rows)))
-    sensor = made.rows.columns["sensor"]
+    sensor, reference = made.rows.columns["sensor"], made.rows.columns.get("reference")
+    if reference is not None:  # pairs repeat, not sensors
+        sensor = sensor * (int(reference.max()) + 2) + reference + 1
     sensors = int(sensor.max()) + 1
     pairs, counts = np.unique(window * sensors + sensor, return_counts=True)
     distinct = np.bincount(pairs // sensors, minlength=size)
