@@ -151,18 +151,20 @@ class ArrivalRows(RowBlock):
     def half_chi_squares(self, *point: FloatArray) -> FloatArray:
         """Return half the chi-square (B, P) at points (B, P), the measured height included."""
         with ignoring_overflow():
-            weight = 1.0 / (self.std_m * self.std_m)
-            excess, mean = [], np.zeros(point[0].shape)
-            for k in range(self.arrival_m.shape[1]):
-                excess.append(self.arrival_m[:, k, None] - self._distances_m(k, point))
-                if self.of_pairs:
-                    excess[k] += self._distances_m(self.arrival_m.shape[1] + k, point)
-                else:
-                    mean += weight[:, k, None] * excess[k]
-            mean /= sum_measurements(weight)[:, None]
+            weight, count = 1.0 / (self.std_m * self.std_m), self.arrival_m.shape[1]
             total = np.zeros(point[0].shape)
-            for k, part in enumerate(excess):
-                total += weight[:, k, None] * (part - mean) ** 2
+            if self.of_pairs:
+                for k in range(count):
+                    difference = self._distances_m(k, point) - self._distances_m(count + k, point)
+                    total += weight[:, k, None] * (self.arrival_m[:, k, None] - difference) ** 2
+            else:
+                excess, mean = [], np.zeros(point[0].shape)
+                for k in range(count):
+                    excess.append(self.arrival_m[:, k, None] - self._distances_m(k, point))
+                    mean += weight[:, k, None] * excess[k]
+                mean /= sum_measurements(weight)[:, None]
+                for k, part in enumerate(excess):
+                    total += weight[:, k, None] * (part - mean) ** 2
             if self.level is not None:
                 total += self.level.scaled_residual(point[-1]) ** 2
             total *= 0.5

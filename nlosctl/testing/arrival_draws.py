@@ -1,6 +1,8 @@
-"""Random batches of arrival times for the laws."""
+"""Random batches of arrival times, and of their independent differences, for the laws."""
 
 from __future__ import annotations
+
+import dataclasses
 
 import numpy as np
 
@@ -8,7 +10,7 @@ from nlosctl.contract.batches import ArrivalBatch
 from nlosctl.contract.fields import CircleField
 from nlosctl.testing.trials import Draw, Trial
 
-__all__ = ["ARRIVAL_DRAW", "draw_arrivals"]
+__all__ = ["ARRIVAL_DRAW", "PAIR_DRAW", "draw_arrivals", "draw_pairs"]
 
 _SCALES_M = (1.0, 1e3, 1e6)
 
@@ -46,7 +48,29 @@ def draw_arrivals(generator: np.random.Generator, snapshots: int, measurements: 
     return Trial(batch=batch, size_m=3.0 * scale)
 
 
-ARRIVAL_DRAW = Draw(
-    trial=draw_arrivals, faults=("one point", "on one line", "far away", "differences too long"), directions=()
-)
+def draw_pairs(generator: np.random.Generator, snapshots: int, measurements: int, fault: str | None) -> Trial:
+    """Draw differences of pairs of sensors as `draw_arrivals` draws arrivals: each sensor and a random earlier one."""
+    trial = draw_arrivals(generator, snapshots, measurements + 1, fault)
+    arrivals: ArrivalBatch = trial.batch
+    other = np.tile(np.arange(measurements), (snapshots, 1))
+    other = (other * generator.random(other.shape)).round().astype(np.int64)
+    first = np.take_along_axis(arrivals.arrival_m, other, axis=1)
+    batch = dataclasses.replace(
+        arrivals,
+        sensor=np.asfortranarray(arrivals.sensor[:, 1:]),
+        sensor_xy_m=np.asfortranarray(arrivals.sensor_xy_m[:, 1:]),
+        arrival_m=np.asfortranarray(arrivals.arrival_m[:, 1:] - first),
+        arrival_std_m=np.asfortranarray(arrivals.arrival_std_m[:, 1:]),
+        origin_m=np.zeros(snapshots),
+        reference_xy_m=np.asfortranarray(np.take_along_axis(arrivals.sensor_xy_m, other[..., None], axis=1)),
+    )
+    return dataclasses.replace(trial, batch=batch)
+
+
+_FAULTS = ("one point", "on one line", "far away", "differences too long")
+
+ARRIVAL_DRAW = Draw(trial=draw_arrivals, faults=_FAULTS, directions=())
 """How batches of arrivals are drawn."""
+
+PAIR_DRAW = Draw(trial=draw_pairs, faults=_FAULTS, directions=())
+"""How batches of independent differences are drawn."""

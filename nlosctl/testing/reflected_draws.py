@@ -9,6 +9,7 @@ import numpy as np
 from nlosctl.contract.fields import CircleField
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.models.ranges.predictions import predict_ranges
+from nlosctl.testing.arrival_draws import PAIR_DRAW
 from nlosctl.testing.draws import DRAWS, Draw, Trial, mirror_scene, range_batch
 
 __all__ = ["draws_of"]
@@ -41,11 +42,20 @@ def draw_reflected_ranges(
     return Trial(batch=batch, size_m=3.0 * scale)
 
 
-_REFLECTED_RANGES = Draw(trial=draw_reflected_ranges, faults=("one point", "do not meet"), directions=())
+_READ = {
+    ("ranges", "reflector"): Draw(trial=draw_reflected_ranges, faults=("one point", "do not meet"), directions=()),
+    ("arrivals", "reference"): PAIR_DRAW,
+}
+"""How further batches are drawn for methods that read a column, by its kind and name."""
 
 
 def draws_of(spec: MethodSpec) -> list[Draw]:
-    """Return how batches for a method are drawn: by reflectors too, if it reads them in ranges; empty if unknown."""
-    usual = DRAWS.get((spec.kind, spec.job))
-    reflected = spec.kind == "ranges" and spec.job == "localize" and "reflector" in spec.reads
-    return [*([usual] if usual else []), *([_REFLECTED_RANGES] if reflected else [])]
+    """Return how batches for a method are drawn, also those of what it reads beside the usual; empty if unknown.
+
+    That are ranges by reflectors, and independent differences of arrivals.
+    """
+    draws = [DRAWS[spec.kind, spec.job]] if (spec.kind, spec.job) in DRAWS else []
+    for (kind, column), draw in _READ.items():
+        if spec.kind == kind and spec.job == "localize" and column in spec.reads:
+            draws.append(draw)
+    return draws

@@ -16,9 +16,10 @@ from nlosctl.contract.flags import parse_speed
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
 from nlosctl.errors import DataError, UsageError
+from nlosctl.io.measurements.completion.references import Form
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.paths.inputs import expand_inputs
-from nlosctl.pipeline.solve.reference_rows import alike_blocks, lacks_reference
+from nlosctl.pipeline.solve.reference_rows import alike_blocks, difference_form
 from nlosctl.pipeline.solve.solve_chunk import dense_batch
 
 EPOCH_NS = 1_733_011_200_123_456_789
@@ -93,8 +94,10 @@ def test_a_time_is_a_length_by_the_speed(tmp_path: Path, speed: str, metres: flo
 
 
 @pytest.mark.parametrize(("values", "std", "fault"), [
-    ([float(EPOCH_NS), 1.0, 2.0], 1e3, "floating-point number, which is only exact to 256, expected an integer"),
-    ([EPOCH_NS * 1e-9, 1.5, 2.0], 1e-8, "only exact to 71.5 m, more than its standard deviation 3 m; give integers"),
+    ([float(EPOCH_NS), 1.0, 2.0], 1e3, "floating-point number, which is only exact to 256, expected an integer or "
+     "a smaller number; give whole nanoseconds in a column of integers"),
+    ([EPOCH_NS * 1e-9, 1.5, 2.0], 1e-8, "only exact to 71.5 m, more than its standard deviation 3 m; give integers in "
+     "a smaller unit, such as nanoseconds, in a column of integers"),
     ([float("nan"), 1.0, 2.0], 1.0, "got an empty cell (null), expected a finite number"),
 ])  # fmt: skip
 def test_rounded_times_are_bad_rows(tmp_path: Path, values: list[float], std: float, fault: str) -> None:
@@ -116,7 +119,11 @@ def test_rounded_times_are_bad_rows(tmp_path: Path, values: list[float], std: fl
     ({"tdoa_ns": [1, 2, 3]}, "column 'tdoa_ns' needs 'reference', the sensor whose arrival is subtracted"),
     ({"tdoa_ns": [1, 2, 3], "reference": ["z"] * 3}, "sensor 'z' has no row there and no position; add columns ref"),
     ({"tdoa_ns": [1, 2, 3], "reference": ["a"] * 3}, "got 0.299792 m in the row of the reference itself, expected 0"),
-    ({"tdoa_ns": [0, 2, 3], "reference": ["a", "a", "b"]}, "differences to several references ('a', 'b'), expected"),
+    ({"tdoa_ns": [1, 2, 3], "reference": ["b", "z", "a"]}, "sensor 'z' has no row there and no position; add columns"),
+    ({"tdoa_m": [1, 2, 3], "reference": ["b", "c", "a"], "reference_std_m": ["", 2.0, ""]},
+     "column 'reference_std_m': got 2 m for 'c', but the differences there are to several references: each is"),
+    ({"tdoa_ns": [0, 2, 3], "reference": ["b", "b", "a"]},
+     "got 0.599585 m in the row of the reference itself, expected 0"),
     ({"sensor": ["a", "b", "b"], "sensor_x_m": [0, 1, 1], "sensor_y_m": [0, 1, 1], "arrival_ns": [1, 2, 3]},
      "duplicate measurement: same snapshot, sensor, sensor_x_m, sensor_y_m as row 2"),
 ])  # fmt: skip
@@ -140,7 +147,8 @@ def test_a_reference_is_a_row_of_zero(tmp_path: Path, place: str) -> None:
             columns |= {"reference_x_m": [3.0] * 2, "reference_y_m": [4.0] * 2}
     chunk = chunk_of(written(path, columns, SCENE if place == "scene" else ""))
     (block,) = alike_blocks(chunk, np.zeros(1, dtype=np.int64), np.arange(chunk.table.num_rows)[None])
-    assert lacks_reference(chunk.columns, block[1]) == (place != "row")
+    form = Form.WITH_REFERENCE if place == "row" else Form.WITHOUT_REFERENCE
+    assert difference_form(chunk.columns, block[1]) == form
     batch: Any = dense_batch("arrivals", chunk.columns, block[1], scene=Scene())
     order = [2, 0, 1] if place != "row" else [0, 1, 2]
     assert batch.arrival_m[0, order] + batch.origin_m[0] == pytest.approx([0.0, 5.0, -6.0])
@@ -153,3 +161,30 @@ def test_without_its_std_a_reference_is_like_the_others(tmp_path: Path) -> None:
     columns = {**STATIONS, "tdoa_m": [5.0, -6.0], "arrival_std_m": [1.0, 7.0], "reference": ["a"] * 2}
     batch = batch_of(written(tmp_path, columns, SCENE))
     assert batch.arrival_std_m[0] == pytest.approx([1.0, 7.0, 5.0])
+
+
+@pytest.mark.parametrize("place", ["rows", "columns", "scene"])
+def test_several_references_are_independent_differences(tmp_path: Path, place: str) -> None:
+    """Each row has its reference's position, of its own columns, the scene or a row of that sensor, and no origin."""
+    columns = {**PLACES, "tdoa_m": [5.0, -6.0, 1.0], "arrival_std_m": [1.0, 3.0, 2.0], "reference": ["b", "c", "a"]}
+    expected = [[10.0, 1.0], [0.0, 20.0], [0.0, 0.0]]
+    if place == "columns":
+        columns |= {"reference_x_m": [11.0, "", ""], "reference_y_m": [2.0, "", ""]}
+        expected[0] = [11.0, 2.0]
+    if place == "scene":
+        expected[2] = [3.0, 4.0]
+    batch = batch_of(written(tmp_path, columns, SCENE if place == "scene" else ""))
+    assert batch.arrival_m[0] == pytest.approx([5.0, -6.0, 1.0])
+    assert batch.arrival_std_m[0] == pytest.approx([1.0, 3.0, 2.0])
+    assert batch.origin_m[0] == 0.0
+    assert batch.reference_xy_m[0].tolist() == expected
+    assert batch.sensor_xy_m[0].T.tolist() == [PLACES["sensor_x_m"], PLACES["sensor_y_m"]]
+
+
+def test_rows_of_a_reference_itself_take_no_part_among_others(tmp_path: Path) -> None:
+    """Where a snapshot has several references a row of 0 to itself has no information; elsewhere it is an arrival."""
+    columns = {**PLACES, "tdoa_m": [0.0, -6.0, 1.0], "arrival_std_m": [1.0] * 3, "reference": ["a", "c", "a"]}
+    chunk = chunk_of(written(tmp_path, columns))
+    assert chunk.left_out.tolist() == [True, False, False]
+    chunk = chunk_of(written(tmp_path, {**columns, "reference": ["a"] * 3}))
+    assert not chunk.left_out.any()

@@ -98,6 +98,19 @@ def test_differences_have_the_reference_of_the_file() -> None:
     axes = nlosctl.plot(differences((1, 0), (2, 0), (3, 0))).figure.axes[0]
     np.testing.assert_array_equal(references(axes), SENSORS[[0], :2])
     assert max(gap(curve, SOURCE[:2]) for curve in curves(axes)) < 0.01
+
+
+def test_independent_differences_have_bands_of_their_own_std() -> None:
+    """With several references the band of a row is that of its std, not of the difference of two arrivals."""
+    axes = nlosctl.plot(differences((1, 0), (2, 1), (3, 2))).figure.axes[0]
+    assert {tuple(place) for place in references(axes)} == {tuple(place) for place in SENSORS[:3, :2]}
+    assert max(gap(curve, SOURCE[:2]) for curve in curves(axes)) < 0.01
+    patches = [patch.get_xy()[:-1] for patch in axes.patches if type(patch).__name__ == "Polygon"]
+    assert len(patches) == 3
+    value = float(np.diff(np.linalg.norm(SENSORS[:2, :2] - SOURCE[:2], axis=1))[0])
+    for edge, sign in zip(np.split(patches[0], 2), (-1.0, 1.0), strict=True):
+        distance = np.linalg.norm(edge[:, None] - SENSORS[:2, :2], axis=2)
+        np.testing.assert_allclose(distance[:, 1] - distance[:, 0], value + sign, atol=1e-6)
     assert {"s0", "s1", "s2", "s3"} <= {text.get_text() for text in axes.texts}
 
 

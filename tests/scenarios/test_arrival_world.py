@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import nlosctl
+from nlosctl.errors import UsageError
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -16,6 +17,30 @@ def test_arrivals_are_distances_plus_the_offset(dimension: int) -> None:
     squares = [(columns[f"truth_{axis}_m"] - columns[f"sensor_{axis}_m"]) ** 2 for axis in "xyz"[:dimension]]
     offset = columns["arrival_m"] - np.sqrt(np.sum(squares, axis=0))
     assert offset == pytest.approx(columns["truth_offset_m"], abs=1e-6)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_pairs_are_differences_to_several_references(dimension: int) -> None:
+    """With tiny errors a difference is that of the truth's distances; the pairs of a snapshot are all different."""
+    drawn = nlosctl.simulate("arrivals", trials=20, seed=3, arrival_std_m=1e-9, dimensions=str(dimension), pairs=12)
+    columns = {name: np.asarray(drawn[name]) for name in drawn.column_names}
+    away = [
+        np.sqrt(
+            np.sum(
+                [(columns[f"truth_{axis}_m"] - columns[f"{of}_{axis}_m"]) ** 2 for axis in "xyz"[:dimension]], axis=0
+            )
+        )
+        for of in ("sensor", "reference")
+    ]
+    assert columns["tdoa_m"] == pytest.approx(away[0] - away[1], abs=1e-6)
+    pairs = {
+        (snapshot, *sorted(pair))
+        for snapshot, *pair in zip(columns["snapshot"], columns["sensor"], columns["reference"], strict=True)
+    }
+    assert len(pairs) == 20 * 12
+    assert all(len(set(pair)) == 3 for pair in pairs)
+    with pytest.raises(UsageError, match="8 sensors have 28 pairs"):
+        nlosctl.simulate("arrivals", trials=1, pairs=29)
 
 
 def test_ml_reaches_the_bound_and_its_covariance_is_true() -> None:

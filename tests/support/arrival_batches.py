@@ -38,3 +38,14 @@ def arrival_batch(
         fields["target_z_m"] = np.broadcast_to(np.asarray(z_m, dtype=float), shape[:1]).copy()
         fields["target_z_std_m"] = np.broadcast_to(np.asarray(z_std_m, dtype=float), shape[:1]).copy()
     return ArrivalBatch(**{**fields, **more})
+
+
+def pair_batch(sensors: Any, references: Any, difference_m: Any, std_m: Any = 0.1, **more: Any) -> ArrivalBatch:
+    """Return a batch of independent differences (B, K) of the arrivals at sensors and at references (..., D)."""
+    differences = np.asarray(difference_m, dtype=float)
+    reference = np.asarray(references, dtype=float)
+    reference = np.broadcast_to(reference, (*differences.shape, reference.shape[-1]))
+    more["reference_xy_m"] = np.asfortranarray(reference[..., :2])
+    if reference.shape[-1] == 3:
+        more["reference_z_m"] = np.asfortranarray(reference[..., 2])
+    return arrival_batch(sensors, differences, std_m, **more)

@@ -42,7 +42,8 @@ _REFERENCE = (
         name="reference",
         type="identifier",
         only_with=DIFFERENCES,
-        meaning="sensor whose arrival is subtracted from the row's; its own row, if there is one, has the difference 0",
+        meaning="sensor whose arrival is subtracted from the row's; its own row, if there is one, has the difference "
+        "0; if a snapshot has several references, its differences are independent",
     ),
     *(
         Column(
@@ -63,7 +64,8 @@ _REFERENCE = (
         nullable=True,
         positive=True,
         only_with=DIFFERENCES,
-        meaning="standard deviation of the reference's arrival; default: that of its row, else equal to the others'",
+        meaning="standard deviation of the reference's arrival; default: that of its row, else equal to the others'; "
+        "empty if a snapshot has several references",
         spellings=_times("reference_std"),
     ),
 )
@@ -85,7 +87,7 @@ OFFSET = (
         unit="m",
         nullable=True,
         meaning="offset of the snapshot's arrivals: the time of emission, times the speed of the wave; exact to "
-        "the rounding of a floating-point number",
+        "the rounding of a floating-point number; null for differences to several references",
     ),
     Column(
         name="offset_std_m", type="number", unit="m", nullable=True, meaning="standard deviation of the offset error"

@@ -31,11 +31,11 @@ def measurement_table(
     """
     arrays: dict[str, Any] = {}
     for column in KINDS[kind].all_columns:
-        if column.name in columns:
-            values = columns[column.name]
+        for name in filter(columns.__contains__, column.accepted_names):
+            values = columns[name]
             arrow_type = pa.string() if values.dtype.kind not in "iu" else pa.int64()
             missing = np.isnan(values) if values.dtype.kind == "f" else None
-            arrays[column.name] = pa.array(values, ARROW_TYPES.get(column.type, arrow_type), mask=missing)
+            arrays[name] = pa.array(values, ARROW_TYPES.get(column.type, arrow_type), mask=missing)
     if sweeps is not None:
         points = np.full(len(arrays["snapshot"]), point)
         arrays |= {name: sweeps.take(name, points) for name in sweeps.names}

@@ -43,7 +43,8 @@ def table_commands(name: str, read: InputOptions, found: Description, assumed: C
     solved, estimating = read, []
     if assumed and estimates_std(found):
         kept = {key: value for key, value in read.constants.items() if key not in assumed}
-        solved, estimating = dataclasses.replace(read, constants=kept), ["--estimate-std", "file"]
+        pool = "snapshot" if found.kind == "arrivals" else "file"
+        solved, estimating = dataclasses.replace(read, constants=kept), ["--estimate-std", pool]
     solving = ["nlosctl", command, "-m", method, name, *read_words(solved, command), *estimating, *aside]
     checking = [] if aside else [shlex.join(["nlosctl", "validate", name, *read_words(read, "validate")])]
     return [*checking, shlex.join(solving)]

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray
-from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.batches import ArrivalBatch, BearingBatch
 from nlosctl.contract.scene import EARTH_RADIUS_M, EarthFrame
 from nlosctl.geometry.blocks import max_measurements, rows_of, sum_measurements
 from nlosctl.geometry.earth_centred import local_axes, to_earth_centred, to_geodetic
@@ -60,19 +60,24 @@ class RowsOnEarth:
     """A batch of places: its sensors earth-centred, ``place_m`` (B, K, 3), and if it has directions their axes.
 
     ``axes`` (B, K, 3, 3) are east, north and up; azimuths of ``batch`` are counter-clockwise from true east.
+    ``reference_m`` (B, K, 3) are the references of independent differences of arrivals.
     """
 
     batch: Any
     place_m: FloatArray
-    axes: FloatArray | None
+    axes: FloatArray | None = None
+    reference_m: FloatArray | None = None
 
     @classmethod
     def of(cls, batch: Any, frame: EarthFrame) -> Self:
         """Return the rows of a batch in x, y of the frame's plane and heights above the ellipsoid."""
         latitude, longitude = places(batch.sensor_xy_m, frame)
         place = np.stack(to_earth_centred(latitude, longitude, batch.sensor_z_m), axis=-1)
+        if isinstance(batch, ArrivalBatch) and batch.reference_xy_m is not None and batch.reference_z_m is not None:
+            reference = to_earth_centred(*places(batch.reference_xy_m, frame), batch.reference_z_m)
+            return cls(batch, place, reference_m=np.stack(reference, axis=-1))
         if not isinstance(batch, BearingBatch):
-            return cls(batch, place, None)
+            return cls(batch, place)
         x, y = (part.ravel() for part in np.moveaxis(batch.sensor_xy_m, -1, 0))
         north_rad = plane_of(frame).north_rad(x, y).reshape(latitude.shape)
         turned = np.asfortranarray(batch.bearing_rad - (north_rad - 0.5 * np.pi))
@@ -92,7 +97,7 @@ class RowsOnEarth:
 
     def earth_centred(self) -> Any:
         """Return the batch in earth-centred coordinates."""
-        return _placed(self.batch, self.place_m, self.axes)
+        return _placed(self.batch, self.place_m, self.axes, self.reference_m)
 
     def seen_in(self, frames: LocalFrames, index: IntArray) -> Any:
         """Return a batch of the snapshots with these indices (N,), each in the frame (N) of the same place in order."""
@@ -102,11 +107,15 @@ class RowsOnEarth:
         axes = None
         if self.axes is not None:
             axes = np.einsum("nkij,nlj->nkil", self.axes[index], frames.axes)
-        return _placed(dataclasses.replace(self.batch, **arrays), frames.local(self.place_m[index]), axes)
+        reference = None if self.reference_m is None else frames.local(self.reference_m[index])
+        return _placed(dataclasses.replace(self.batch, **arrays), frames.local(self.place_m[index]), axes, reference)
 
 
-def _placed(batch: Any, place_m: FloatArray, axes: FloatArray | None) -> Any:
+def _placed(batch: Any, place_m: FloatArray, axes: FloatArray | None, reference_m: FloatArray | None) -> Any:
     changed = {"sensor_xy_m": np.asfortranarray(place_m[..., :2]), "sensor_z_m": np.asfortranarray(place_m[..., 2])}
+    if reference_m is not None:
+        changed["reference_xy_m"] = np.asfortranarray(reference_m[..., :2])
+        changed["reference_z_m"] = np.asfortranarray(reference_m[..., 2])
     if axes is not None:
         changed["sensor_frame"] = np.asfortranarray(axes)
     return dataclasses.replace(batch, **changed)

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.scene import EarthFrame
 from nlosctl.io.measurements.completion.exact_numbers import REST
+from nlosctl.io.measurements.completion.references import FORM, Form
 from nlosctl.io.results.plot_inputs import PlotSnapshot
 from nlosctl.io.scenes.places import errors_in, from_tangent_plane
 from nlosctl.models.sections import hyperbola_sections
@@ -50,14 +51,17 @@ def differences_of(measured: PlotSnapshot) -> Differences:
     """Return the differences of a snapshot: those of the file, or of its arrivals to one of them.
 
     The reference of arrivals is the direct row of the smallest standard deviation, of these the earliest. A difference
-    is flagged, or not used, if one of its two rows is. Rows of the reference, or at its position, are left out.
+    is flagged, or not used, if one of its two rows is (independent differences are rows themselves). Rows of the
+    reference, or at its position, are left out.
     """
     columns, kinds = measured.columns, np.array(row_kinds(measured), dtype=object)
     dimension = 3 if "sensor_z_m" in columns else 2
     sensor = row_positions(measured, "sensor", dimension)
     arrival = (columns["arrival_m"] - columns["arrival_m"].min()) + columns[REST]
     std = columns["arrival_std_m"]
-    if "reference" in columns:
+    if FORM in columns and columns[FORM][0] == Form.OF_PAIRS:
+        reference, difference = row_positions(measured, "reference", dimension), columns["arrival_m"] + columns[REST]
+    elif "reference" in columns:
         own = _reference_rows(columns)
         reference = np.where((own >= 0)[:, None], sensor[own], row_positions(measured, "reference", dimension))
         difference = columns["arrival_m"] + columns[REST]

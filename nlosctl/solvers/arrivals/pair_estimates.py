@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.models.arrivals import ArrivalRows
 from nlosctl.solvers.arrivals.closed_forms import initial_estimates
-from nlosctl.solvers.arrivals.pair_graph import arrivals_of_pairs
+from nlosctl.solvers.arrivals.pair_graph import arrivals_of_pairs, number_places
 
 __all__ = ["pair_estimates"]
 
@@ -21,8 +22,9 @@ _KEPT = 16
 _NEAR = 0.6
 """Two points are near each other at less than this share of the larger distance from the local origin."""
 
+_MOST_PLACES = 1000
 _LARGEST = 1 << 20
-"""Entries of the arrays of some snapshots."""
+"""Entries of the arrays of a few snapshots."""
 
 Points = list[tuple[FloatArray, ...]]
 
@@ -31,27 +33,35 @@ def pair_estimates(rows: ArrivalRows) -> Points:
     """Return points, each as D arrays (B,) about the local origins, NaN where a point does not exist.
 
     If a chain of pairs links all sensors of a snapshot, the closed forms of `initial_estimates` have the least-squares
-    arrivals at them; otherwise those are not arrivals with one offset, and the likeliest points of a pattern follow.
+    arrivals at them. Otherwise those are not arrivals with one offset, and the likeliest points of a pattern follow;
+    so too if the sensors are at thousands of places.
     """
-    snapshots, count = rows.arrival_m.shape
-    most = max(1, _LARGEST // (4 * count * count))
-    parts = [_of_some(rows.take(np.arange(k, min(k + most, snapshots)))) for k in range(0, snapshots, most)]
-    return [
-        tuple(np.concatenate(pieces) for pieces in zip(*points, strict=True)) for points in zip(*parts, strict=True)
-    ]
-
-
-def _of_some(rows: ArrivalRows) -> Points:
-    arrivals, connected = arrivals_of_pairs(rows)
-    points = initial_estimates(arrivals)
-    apart = np.flatnonzero(~connected)
-    found = np.full((_KEPT, len(rows.center), connected.size), np.nan)
-    pattern = _pattern(len(rows.center))
+    place = number_places(rows)
+    count = place.max(axis=1, initial=-1) + 1
+    shape, closed = (len(rows.center), count.size), list[tuple[IntArray, Points]]()
+    lowest, pattern = np.full((_KEPT, *shape), np.nan), _pattern(shape[0])
     most = max(1, _LARGEST // pattern[0].size)
-    for start in range(0, apart.size, most):
-        some = apart[start : start + most]
-        found[:, :, some] = _lowest(rows.take(some), pattern)
-    return [*points, *(tuple(point) for point in found)]
+    for some in _alike(count):
+        part, connected = rows.take(some), np.zeros(some.size, dtype=bool)
+        if count[some[0]] <= _MOST_PLACES:
+            arrivals, connected = arrivals_of_pairs(part, place[some])
+            closed.append((some, initial_estimates(arrivals)))
+        apart = np.flatnonzero(~connected)
+        for start in range(0, apart.size, most):
+            others = apart[start : start + most]
+            lowest[:, :, some[others]] = _lowest(part.take(others), pattern)
+    found = np.full((max((len(points) for _, points in closed), default=0), *shape), np.nan)
+    for some, points in closed:
+        found[:, :, some] = points
+    return [tuple(point) for point in (*found, *lowest)]
+
+
+def _alike(count: IntArray) -> Iterator[IntArray]:
+    """Yield indices of snapshots with equal counts (B,) of places, of a few at a time."""
+    for size in np.unique(count).tolist():
+        every, most = np.flatnonzero(count == size), max(1, _LARGEST // (size * size))
+        for start in range(0, every.size, most):
+            yield every[start : start + most]
 
 
 def _lowest(rows: ArrivalRows, pattern: tuple[FloatArray, BoolArray]) -> FloatArray:

@@ -23,7 +23,6 @@ LARGEST_INTEGER = 2**62
 
 _EXACT_FLOAT = 2.0**53
 _SPLITTER = 2.0**27 + 1.0
-_CURE = "give integers in a smaller unit, such as nanoseconds, in a column of integers"
 
 
 def exact_numbers(mapped: MappedColumn, batch: Any, faults: list[Fault]) -> tuple[FloatArray, FloatArray]:
@@ -43,7 +42,7 @@ def exact_numbers(mapped: MappedColumn, batch: Any, faults: list[Fault]) -> tupl
         with ignoring_overflow():
             rounded = np.abs(values) >= _EXACT_FLOAT
         if rounded.any():
-            faults.append(Fault(mask=rounded, column=mapped.name, describe=_rounded(values)))
+            faults.append(Fault(mask=rounded, column=mapped.name, describe=_rounded(values, mapped.name)))
         return _product(np.where(np.isfinite(values), values, 0.0), mapped.scale)
     beyond = pc.fill_null(pc.greater(pc.abs(cells.cast(pa.float64(), safe=False)), float(LARGEST_INTEGER)), False)
     mask = np.asarray(beyond.to_numpy(zero_copy_only=False), dtype=np.bool_)
@@ -70,10 +69,19 @@ def _product(values: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
     return product, np.asarray(error)
 
 
-def _rounded(values: FloatArray) -> Describe:
+def _cure(name: str) -> str:
+    """Return how to give the times of a column exactly."""
+    if name.endswith("_ns"):
+        return "give whole nanoseconds in a column of integers"
+    if name.endswith("_m"):
+        return "subtract an origin of the snapshot, or give times as integers in nanoseconds"
+    return "give integers in a smaller unit, such as nanoseconds, in a column of integers"
+
+
+def _rounded(values: FloatArray, name: str) -> Describe:
     return lambda index: (
         f"got {values[index]:.17g} as a floating-point number, which is only exact to {np.spacing(values[index]):g}, "
-        f"expected an integer or a smaller number; {_CURE}"
+        f"expected an integer or a smaller number; {_cure(name)}"
     )
 
 
@@ -86,8 +94,9 @@ def refuse_rounded(mapped: MappedColumn, cells: Any, std: FloatArray, faults: li
     step = np.spacing(np.abs(np.where(np.isfinite(values), values, 0.0)))
     coarse = (0.5 * step * mapped.scale > std) & (np.abs(values) < _EXACT_FLOAT)
     if coarse.any():
+        cure = _cure(mapped.name)
         describe: Describe = lambda index: (  # noqa: E731
             f"got {values[index]:.17g}, a floating-point number that is only exact to "
-            f"{step[index] * mapped.scale:.3g} m, more than its standard deviation {std[index]:.3g} m; {_CURE}"
+            f"{step[index] * mapped.scale:.3g} m, more than its standard deviation {std[index]:.3g} m; {cure}"
         )
         faults.append(Fault(mask=coarse, column=mapped.name, describe=describe))
