@@ -139,7 +139,7 @@ def _refuse_std(chunk: Chunk, pairs: BoolArray, names: Sequence[str]) -> None:
 
 
 def _row_of_reference(columns: Any, snapshot: IntArray) -> IntArray:
-    """Return for each row (N,) the first row of its reference as a sensor in the snapshot, N where there is none."""
+    """Return for each row (N,) the first row of its reference as a sensor in the snapshot, N without one."""
     size = snapshot.shape[0]
     codes = int(max(columns["sensor"].max(initial=0), columns["reference"].max(initial=0))) + 1
     key, wanted = snapshot * codes + columns["sensor"], snapshot * codes + columns["reference"]
