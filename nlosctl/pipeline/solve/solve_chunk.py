@@ -18,7 +18,7 @@ from nlosctl.contract.results import Estimates, Flags, Solution, Trace, no_estim
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import MethodError, NlosctlError, in_one_line
-from nlosctl.io.measurements.completion.references import FORM, Form
+from nlosctl.io.measurements.completion.references import Form
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.io.results.measurement_layouts import ChunkTrace, chunk_trace
@@ -34,7 +34,6 @@ from nlosctl.pipeline.solve.reference_rows import (
     without_reference_row,
 )
 from nlosctl.pipeline.solve.report import fit_p_values
-from nlosctl.pipeline.solve.target_heights import by_height
 
 __all__ = ["ChunkSolution", "ChunkSolver", "dense_batch", "dense_blocks", "keep_freed_memory"]
 
@@ -85,11 +84,10 @@ class ChunkSolver:
         estimates: list[ChunkEstimates] = []
         flags: list[Flags] = []
         traces: list[tuple[int, IntArray, IntArray, Trace]] = []
-        alike = alike_blocks if FORM in chunk.columns else by_height
         blocks = [
             part
             for block in dense_blocks(chunk.offsets, ~chunk.left_out, self.block_size)
-            for part in alike(chunk, *block)
+            for part in alike_blocks(chunk, *block)
         ]
         for method, run in enumerate(self.runs):
             solve = run.solver(chunk)
@@ -257,8 +255,7 @@ def dense_batch(
         arrays |= {name: _gather(row[:, 0], [columns[name]]) for name in ("target_z_m", "target_z_std_m")}
     for name, (rest, origin) in cls.EXACT.items():
         arrays |= dict(zip((name, origin), about_origin(columns[name][row], columns[rest][row]), strict=True))
-    if FORM in columns:
-        arrays = with_references(arrays, columns, row)
+    arrays = with_references(arrays, columns, row)
     batch: Batch = cls(
         scene=scene,
         field=field,
