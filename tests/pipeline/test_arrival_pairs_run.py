@@ -13,8 +13,9 @@ import pytest
 import nlosctl
 from nlosctl.errors import UsageError
 from nlosctl.geometry.earth_centred import to_earth_centred
+from nlosctl.io.measurements.completion.references import FORM, Form
 from nlosctl.methods import arrivals_ml
-from nlosctl.pipeline.solve.reference_rows import refuse_pairs
+from nlosctl.pipeline.solve.reference_rows import lacks_reference
 
 OFFSETS = ["offset_m", "offset_std_m", "cov_x_offset_m2", "cov_y_offset_m2"]
 
@@ -84,9 +85,10 @@ def test_methods_of_one_reference_are_refused() -> None:
     with pytest.raises(UsageError, match="snapshot 0: differences to several references, but method 'srd-ls' needs"):
         nlosctl.localize(drawn, method="srd-ls")
     plugin = dataclasses.replace(arrivals_ml.METHOD, name="mine", reads=frozenset())
-    chunk: Any = type("Chunk", (), {"source": "in.csv", "snapshot": pa.array(["a", "b"])})
+    columns = {FORM: np.array([Form.OF_PAIRS])}
+    chunk: Any = type("Chunk", (), {"source": "in.csv", "snapshot": pa.array(["a", "b"]), "columns": columns})
     with pytest.raises(UsageError, match=r"in\.csv, snapshot 'b': .*'mine' needs one reference"):
-        refuse_pairs(plugin, chunk, 1)
+        lacks_reference(plugin, chunk, 1, np.zeros((1, 1), dtype=np.int64))
 
 
 def test_epochs_are_of_pairs(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ __all__ = [
     "about_origin",
     "alike_blocks",
     "difference_form",
-    "refuse_pairs",
+    "lacks_reference",
     "with_references",
     "without_reference_row",
 ]
@@ -53,14 +53,20 @@ def difference_form(columns: Mapping[str, npt.NDArray[Any]], row: IntArray) -> F
     return Form(int(columns[FORM][row[0, 0]])) if FORM in columns and row.size else None
 
 
-def refuse_pairs(spec: MethodSpec, chunk: Chunk, snapshot: int) -> None:
-    """Raise UsageError for independent differences and a method that takes them as arrivals with one offset."""
-    if "reference" not in spec.reads:
+def lacks_reference(spec: MethodSpec, chunk: Chunk, snapshot: int, row: IntArray) -> bool:
+    """Return whether the snapshots with the rows (B, K), alike in this, lack the row of their reference.
+
+    Raises UsageError, naming the ``snapshot``, for independent differences and a method that takes them as arrivals
+    with one offset.
+    """
+    form = difference_form(chunk.columns, row)
+    if form == Form.OF_PAIRS and "reference" not in spec.reads:
         raise UsageError(
             f"{chunk.source}, snapshot {chunk.snapshot[snapshot].as_py()!r}: differences to several references, but "
             f"method {spec.name!r} needs one reference in a snapshot; use `method` ml, or give each reference its "
             "snapshots"
         )
+    return form == Form.WITHOUT_REFERENCE
 
 
 def about_origin(whole: FloatArray, rest: FloatArray) -> tuple[FloatArray, FloatArray]:

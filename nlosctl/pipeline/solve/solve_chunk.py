@@ -18,7 +18,6 @@ from nlosctl.contract.results import Estimates, Flags, Solution, Trace, no_estim
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import MethodError, NlosctlError, in_one_line
-from nlosctl.io.measurements.completion.references import Form
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.io.results.measurement_layouts import ChunkTrace, chunk_trace
@@ -28,12 +27,12 @@ from nlosctl.pipeline.solve.method_runs import BlockSolver, MethodRun
 from nlosctl.pipeline.solve.reference_rows import (
     about_origin,
     alike_blocks,
-    difference_form,
-    refuse_pairs,
+    lacks_reference,
     with_references,
     without_reference_row,
 )
 from nlosctl.pipeline.solve.report import fit_p_values
+from nlosctl.pipeline.solve.target_heights import by_height
 
 __all__ = ["ChunkSolution", "ChunkSolver", "dense_batch", "dense_blocks", "keep_freed_memory"]
 
@@ -84,10 +83,11 @@ class ChunkSolver:
         estimates: list[ChunkEstimates] = []
         flags: list[Flags] = []
         traces: list[tuple[int, IntArray, IntArray, Trace]] = []
+        alike = alike_blocks if self.kind == "arrivals" else by_height
         blocks = [
             part
             for block in dense_blocks(chunk.offsets, ~chunk.left_out, self.block_size)
-            for part in alike_blocks(chunk, *block)
+            for part in alike(chunk, *block)
         ]
         for method, run in enumerate(self.runs):
             solve = run.solver(chunk)
@@ -113,10 +113,7 @@ class ChunkSolver:
     def _solve_block(
         self, chunk: Chunk, snapshot: IntArray, row: IntArray, seed: SeedArray, run: MethodRun, solve: BlockSolver
     ) -> Solution:
-        form = difference_form(chunk.columns, row)
-        if form == Form.OF_PAIRS:
-            refuse_pairs(run.spec, chunk, int(snapshot[0]))
-        is_short = form == Form.WITHOUT_REFERENCE
+        is_short = self.kind == "arrivals" and lacks_reference(run.spec, chunk, int(snapshot[0]), row)
         if row.shape[1] + is_short < run.spec.minimum_measurements:
             return Solution(estimates=no_estimates(row.shape[0], self.dimension, Status.TOO_FEW))
         batch = dense_batch(
@@ -255,7 +252,8 @@ def dense_batch(
         arrays |= {name: _gather(row[:, 0], [columns[name]]) for name in ("target_z_m", "target_z_std_m")}
     for name, (rest, origin) in cls.EXACT.items():
         arrays |= dict(zip((name, origin), about_origin(columns[name][row], columns[rest][row]), strict=True))
-    arrays = with_references(arrays, columns, row)
+    if kind == "arrivals":
+        arrays = with_references(arrays, columns, row)
     batch: Batch = cls(
         scene=scene,
         field=field,
