@@ -12,7 +12,7 @@ from nlosctl.geometry.circles import leave_circle
 from nlosctl.geometry.lines import crosses_segment, reflect_direction
 from nlosctl.models.ranges.predictions import predict_ranges
 
-__all__ = ["TracedRays", "points_at_range", "trace_back", "trace_in_space"]
+__all__ = ["TracedRays", "path_points_in_space", "path_spheroid", "points_at_range", "trace_back", "trace_in_space"]
 
 _DIRECTIONS = 2881
 _SAME_LENGTH = 1e-6
@@ -85,6 +85,41 @@ def trace_in_space(sensor: FloatArray, along: FloatArray, reflector: Reflector |
     if not (np.isfinite(distance) and distance > 0.0):
         return sensor, along
     return sensor + distance * along, along - 2.0 * (along @ normal) * normal
+
+
+def path_points_in_space(
+    tx_m: FloatArray, rx_m: FloatArray, departing: FloatArray, arriving: FloatArray, path_length_m: float
+) -> FloatArray:
+    """Return the three points (3, 3) of a triplet in space by its unit vectors (3,) from transmitter and receiver.
+
+    1: the middle of the shortest connection of the two lines; 2 and 3: where the departing and the arriving ray meet
+    the spheroid of equal path length, in polar form about its foci. NaN for parallel lines, and where the path is not
+    longer than the baseline.
+    """
+    baseline = rx_m - tx_m
+    across, excess = float(departing @ arriving), path_length_m**2 - float(baseline @ baseline)
+    with ignoring_division():
+        scale = 1.0 / np.float64(1.0 - across * across)
+        along_tx = scale * (departing - across * arriving) @ baseline
+        along_rx = scale * (across * departing - arriving) @ baseline
+    points = [0.5 * (tx_m + along_tx * departing + rx_m + along_rx * arriving)]
+    for focus, ray, other in ((tx_m, departing, baseline), (rx_m, arriving, -baseline)):
+        reach = 0.5 * excess / (path_length_m - float(ray @ other)) if excess > 0.0 else np.nan
+        points.append(focus + reach * ray)
+    return np.array(points)
+
+
+def path_spheroid(tx_m: FloatArray, rx_m: FloatArray, path_length_m: float) -> FloatArray:
+    """Return the matrix (3, 3) of the spheroid of equal path length, x' M^-1 x = 1 about the middle of the baseline.
+
+    Its outline in a view is the ellipse of the part of M in the two coordinates. NaN where the path is not longer than
+    the baseline.
+    """
+    baseline = rx_m - tx_m
+    minor2 = 0.25 * (path_length_m**2 - float(baseline @ baseline))
+    if minor2 <= 0.0:
+        return np.full((3, 3), np.nan)
+    return np.asarray(minor2 * np.eye(3) + 0.25 * np.outer(baseline, baseline))
 
 
 def points_at_range(sensor_m: FloatArray, range_m: float, reflector: Reflector) -> FloatArray:

@@ -279,3 +279,35 @@ def test_echoes_in_space_are_circles_through_their_target() -> None:
         for circle in circles:
             away = np.linalg.norm(np.array(circle.center) - np.array(SOURCE)[seen])
             assert away == pytest.approx(circle.radius, rel=1e-9)
+
+
+def test_triplets_in_space_have_three_points_on_rays_and_spheroid() -> None:
+    """Noise-free direct triplet: all points of both views are the target; the outline touches no farther path."""
+    ends, target = np.array([[-3.0, 0.0, 1.0], [5.0, 1.0, 2.5]]), np.array(SOURCE)
+    legs = target - ends
+    columns = {"path_length_m": [float(np.linalg.norm(legs, axis=1).sum())], "path_length_std_m": [0.1], "path": [0]}
+    for side, node, end, leg in zip(("dod", "doa"), ("tx", "rx"), ends, legs, strict=True):
+        columns |= {f"{node}_{axis}_m": [value] for axis, value in zip("xyz", end.tolist(), strict=True)}
+        columns |= {f"{side}_rad": [np.arctan2(leg[1], leg[0])], f"{side}_std_rad": [0.01]}
+        columns |= {f"{side}_elevation_rad": [np.arctan2(leg[2], np.hypot(leg[0], leg[1]))]}
+        columns |= {f"{side}_elevation_std_rad": [0.01]}
+    panels = nlosctl.plot(pa.table(columns), dimensions=3).figure.axes
+    assert [axes.get_ylabel()[0] for axes in panels[:2]] == ["y", "z"]
+    for axes in panels[:2]:
+        seen = ["xyz".index(label[0]) for label in (axes.get_xlabel(), axes.get_ylabel())]
+        for marker in ("o", "v", "<"):
+            (point,) = [line for line in axes.lines if line.get_marker() == marker and len(line.get_xdata()) == 1]
+            np.testing.assert_allclose(point.get_xydata()[0], target[seen], atol=1e-9)
+        (outline,) = drawn_ellipses(axes)
+        draw = np.random.default_rng(2).normal(size=(20000, 3))
+        across = draw / np.linalg.norm(draw, axis=1)[:, None]
+        excess = columns["path_length_m"][0] ** 2 - np.sum((ends[1] - ends[0]) ** 2)
+        surface = (
+            ends[0] + across * (0.5 * excess / (columns["path_length_m"][0] - across @ (ends[1] - ends[0])))[:, None]
+        )
+        turn = np.radians(outline.angle)
+        frame = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        local = (
+            (surface[:, seen] - np.array(outline.center)) @ frame.T / (0.5 * np.array([outline.width, outline.height]))
+        )
+        assert 0.99 < np.linalg.norm(local, axis=1).max() <= 1.0 + 1e-9
