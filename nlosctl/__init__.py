@@ -1,9 +1,9 @@
 """Localize radio, acoustic and radar sources from measurements when some paths are not line of sight.
 
 The functions take tables (pyarrow, polars, pandas, dict) or paths, and return pyarrow tables. `localize`,
-`identify_los`, `detect_ip` and `bound` solve measurements; `read`, `describe`, `validate`, `convert` and `simulate`
-make and check them; `evaluate` and `plot` show how good estimates are. They are the commands of ``nlosctl``, with the
-same options and results; see docs/python.md.
+`identify_los`, `detect_ip` and `bound` solve measurements, `calibrate` finds the offsets of their sensors; `read`,
+`describe`, `validate`, `convert` and `simulate` make and check them; `evaluate` and `plot` show how good estimates are.
+They are the commands of ``nlosctl``, with the same options and results; see docs/python.md.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
         Evaluation,
         Localization,
         Plot,
+        SensorCalibration,
         bound,
+        calibrate,
         convert,
         describe,
         detect_ip,
@@ -37,8 +39,10 @@ __all__ = [
     "Evaluation",
     "Localization",
     "Plot",
+    "SensorCalibration",
     "__version__",
     "bound",
+    "calibrate",
     "convert",
     "describe",
     "detect_ip",

@@ -1,5 +1,6 @@
 """The jobs of the command line as functions on tables and files: what ``import nlosctl`` provides."""
 
+from nlosctl.api.calibrating import SensorCalibration, calibrate
 from nlosctl.api.files import Plot, convert, describe, evaluate, plot, read, simulate, validate
 from nlosctl.api.solving import Detection, Localization, bound, detect_ip, identify_los, localize
 from nlosctl.pipeline.evaluate.evaluate import Evaluation
@@ -9,7 +10,9 @@ __all__ = [
     "Evaluation",
     "Localization",
     "Plot",
+    "SensorCalibration",
     "bound",
+    "calibrate",
     "convert",
     "describe",
     "detect_ip",

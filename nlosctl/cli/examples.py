@@ -17,6 +17,10 @@ EXAMPLES = {
         "nlosctl bound bearings.csv -o bound.csv",
         "nlosctl bound bearings.csv --noise laplace -o laplace.parquet",
     ),
+    "calibrate": (
+        "nlosctl calibrate bearings.csv -o calibration.toml",
+        "nlosctl calibrate -m mixture-ml bearings.csv -o robust.toml",
+    ),
     "detect-ip": (
         "nlosctl detect-ip paths.csv -o paths_flags.csv",
         "nlosctl detect-ip paths.csv -m joint -o joint.csv --estimates-out targets.csv",

@@ -16,6 +16,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from nlosctl.cli.commands.bound import bound
+from nlosctl.cli.commands.calibrate import calibrate
 from nlosctl.cli.commands.config import config_app
 from nlosctl.cli.commands.convert import convert
 from nlosctl.cli.commands.describe import describe
@@ -119,6 +120,7 @@ def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:
 _COMMANDS = (
     ("localize", localize),
     ("bound", bound),
+    ("calibrate", calibrate),
     ("detect-ip", detect_ip),
     ("identify-los", identify_los),
     ("simulate", simulate),

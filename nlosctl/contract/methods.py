@@ -60,9 +60,10 @@ class MethodSpec:
     ``scales_std`` is whether it estimates the factor of unknown standard deviations, see `Batch.std`: then its fix
     does not depend on the factor, it returns the columns ``std_factor`` and ``std_dof`` in place of a chi-square, and
     `Status.STD_NOT_ESTIMABLE` for a fix whose factor is not determined. ``std_fault(options, pool)`` is why it can't
-    with some options for a ``pool`` of `SolveOptions.estimate_std`, empty if it can. ``direct_rows(batch, options)``
-    of a robust method returns the likeliest position (B, D) and the probability (B, K) of each row to be direct there,
-    NaN without a position: the weights of its residuals for unknown standard deviations. ``contract_version`` is the
+    with some options for a ``pool`` of `SolveOptions.estimate_std`, empty if it can. ``direct_rows(batch,
+    options, known_m)`` of a robust method returns the likeliest position (B, D), or the known one, and the probability
+    (B, K) of each row to be direct there, NaN without a position: the weights of its residuals for unknown standard
+    deviations and offsets. ``contract_version`` is the
     version of this contract that a plugin was written for; built-in methods leave it out. ``solve(batch, options)`` is
     pure: it changes nothing and draws only from ``batch.seed``.
     """
@@ -94,7 +95,7 @@ class MethodSpec:
     learning: Learning | None = None
     scales_std: bool = False
     std_fault: Callable[[Any, str], str] | None = None
-    direct_rows: Callable[[Any, Any], tuple[FloatArray, FloatArray]] | None = None
+    direct_rows: Callable[..., tuple[FloatArray, FloatArray]] | None = None
     contract_version: int | None = None
 
     def flag_columns(

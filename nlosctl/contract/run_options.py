@@ -14,10 +14,9 @@ from functools import partial
 from typing import Any
 
 from nlosctl.contract.fields import Field, SensorsField, parse_field
-from nlosctl.contract.flags import Flag, option, parse_speed, with_flags
+from nlosctl.contract.flags import STD_FLAGS, Flag, option, parse_speed, std_in_metres, with_flags
 from nlosctl.contract.limits import size
 from nlosctl.contract.scene import EarthFrame, Scene, parse_frame
-from nlosctl.contract.std_flags import STD_FLAGS, std_in_metres
 from nlosctl.contract.tables.shared import LIGHT_M_S
 from nlosctl.contract.windows import KEEPS, parse_window
 from nlosctl.errors import UsageError, did_you_mean
@@ -28,7 +27,8 @@ PANELS = ("Input", "Geometry", "Method", "Output", "Run", "Messages")
 """The panels of every command's help, in order."""
 
 _SOLVE = "localize detect-ip identify-los"
-_READ = f"{_SOLVE} bound validate"
+_ESTIMATE = f"{_SOLVE} calibrate"
+_READ = f"{_ESTIMATE} bound validate"
 _MEASUREMENTS = f"{_READ} plot convert describe"
 _WRITE = f"{_SOLVE} bound evaluate simulate convert"
 _NOISES = ("gaussian", "laplace")
@@ -78,14 +78,14 @@ class InputOptions:
     constants: Mapping[str, float] = with_flags({}, *STD_FLAGS)
     all_rows: bool = option(
         False, "--all-rows", "Input", "Also use rows flagged by an earlier step (los false, ip true).",
-        f"{_SOLVE} bound")
+        f"{_ESTIMATE} bound")
     max_snapshot_rows: int = option(
         1_000_000, "--max-snapshot-rows", "Input", "Largest number of rows allowed in a snapshot.",
         f"{_READ} describe",
         minimum=1, metavar="N")
     max_spool_bytes: int = option(
         10_000_000_000, "--max-spool-bytes", "Input", "Largest standard input to copy to disk for several passes.",
-        "localize", minimum=1, metavar="N")
+        "localize calibrate", minimum=1, metavar="N")
     wide: Sequence[str] = option(
         (), "--wide", "Input", "Columns of a wide table, such as azimuth_deg=az_*; * is the sensor. Repeatable.",
         _MEASUREMENTS, metavar="NAME=PATTERN")
@@ -178,12 +178,12 @@ class SolveOptions:
     """
 
     method: Sequence[str] = option(
-        (), "--method", "Method", "Method (see 'nlosctl methods'). Repeatable.", _SOLVE,
+        (), "--method", "Method", "Method (see 'nlosctl methods'). Repeatable.", _ESTIMATE,
         short="-m", metavar="NAME", complete="method")
     parameters: Mapping[str, Any] = option(
         {}, "--param", "Method",
         "Parameter of method, scenario, format or figure; METHOD:KEY=VALUE: only that method. Repeatable.",
-        f"{_SOLVE} simulate convert reproduce", short="-p", metavar="KEY=VALUE", complete="parameter")
+        f"{_ESTIMATE} simulate convert reproduce", short="-p", metavar="KEY=VALUE", complete="parameter")
     sweep: Mapping[str, Any] = option(
         {}, "--sweep", "Method", "Parameter values to run in turn; several sweeps form a grid. Repeatable.",
         f"{_SOLVE} simulate", metavar="KEY=V1,V2,...", complete="parameter")
@@ -193,13 +193,13 @@ class SolveOptions:
     field: Field = option(  # noqa: RUF009
         SensorsField(), "--field", "Geometry",
         "Search region: xmin,xmax,ymin,ymax[,zmin,zmax], circle:x,y,r, polygon:FILE or sensors:FACTOR.",
-        "localize identify-los", metavar="FIELD", parse=parse_field, text=str(SensorsField()))
+        "localize identify-los calibrate", metavar="FIELD", parse=parse_field, text=str(SensorsField()))
     target_z_m: float | None = option(
         None, "--target-z-m", "Geometry", "Height of the targets in metres (in the plane: for slant ranges).",
-        "localize detect-ip identify-los bound", metavar="M")
+        f"{_ESTIMATE} bound", metavar="M")
     target_z_std_m: float | None = option(
         None, "--target-z-std-m", "Geometry", "Standard deviation of the targets' height, in 3 dimensions.",
-        "localize detect-ip identify-los bound", metavar="M")
+        f"{_ESTIMATE} bound", metavar="M")
     alternatives: int = option(
         1, "--alternatives", "Method", "Largest number of estimates per snapshot and target.",
         "localize identify-los", minimum=1, metavar="N")
@@ -208,22 +208,22 @@ class SolveOptions:
     use_ranges: bool = option(
         True, "--use-ranges/--no-ranges", "Method", "Use the ranges in a file of bearings.", "bound")
     seed: int = option(
-        0, "--seed", "Method", "Random seed; each snapshot derives its own.", f"{_SOLVE} simulate reproduce",
+        0, "--seed", "Method", "Random seed; each snapshot derives its own.", f"{_ESTIMATE} simulate reproduce",
         minimum=0, maximum=2**63 - 1, metavar="N")
     jobs: int = option(
-        0, "--jobs", "Run", "Number of parallel workers; 0 = one per available CPU.", f"{_SOLVE} reproduce", minimum=0,
-        metavar="N")
+        0, "--jobs", "Run", "Number of parallel workers; 0 = one per available CPU.", f"{_ESTIMATE} reproduce",
+        minimum=0, metavar="N")
     block_size: int = option(
-        8192, "--block-size", "Run", "Snapshots solved at a time; results do not depend on it.", _SOLVE, minimum=1,
+        8192, "--block-size", "Run", "Snapshots solved at a time; results do not depend on it.", _ESTIMATE, minimum=1,
         metavar="N")
     engine: str = option(
-        "local", "--engine", "Run", "Execution engine: local or dask.", f"{_SOLVE} bound", metavar="NAME")
+        "local", "--engine", "Run", "Execution engine: local or dask.", f"{_ESTIMATE} bound", metavar="NAME")
     scheduler: str | None = option(
         None, "--scheduler", "Run", "Dask scheduler, such as tcp://host:8786; default: threads.",
-        f"{_SOLVE} bound", metavar="ADDRESS")
+        f"{_ESTIMATE} bound", metavar="ADDRESS")
     worker_timeout: float = option(
         60.0, "--worker-timeout", "Run", "Seconds without a Dask scheduler or worker before giving up.",
-        f"{_SOLVE} bound", metavar="SECONDS")
+        f"{_ESTIMATE} bound", metavar="SECONDS")
 
     def __post_init__(self) -> None:
         for name, least in (("seed", 0), ("jobs", 0), ("block_size", 1), ("alternatives", 1)):
@@ -253,8 +253,8 @@ class OutputOptions:
     """
 
     output: str = option(
-        "-", "--output", "Output", "Output file; - is standard output, FOLDER/ takes one file per part.", _WRITE,
-        short="-o", metavar="FILE")
+        "-", "--output", "Output", "Output file; - is standard output, FOLDER/ takes one file per part.",
+        f"{_WRITE} calibrate", short="-o", metavar="FILE")
     estimates_out: str | None = option(
         None, "--estimates-out", "Output", "Also write the estimates: a row per target or path.",
         "detect-ip identify-los", metavar="FILE")
@@ -287,8 +287,8 @@ class OutputOptions:
         False, "--resume", "Run", "Continue an interrupted run into a folder; the results are the same.",
         f"{_SOLVE} bound")
     report: str | None = option(
-        None, "--report", "Messages", "Write the summary as JSON; - is standard error.", f"{_SOLVE} bound evaluate",
-        metavar="FILE")
+        None, "--report", "Messages", "Write the summary as JSON; - is standard error.",
+        f"{_ESTIMATE} bound evaluate", metavar="FILE")
 
     def __post_init__(self) -> None:
         if self.ellipse is not None and not 0.0 < self.ellipse < 1.0:

@@ -31,7 +31,7 @@ from nlosctl.pipeline.engine.writing import ChunkTables, Run, write_tables
 from nlosctl.pipeline.solve.method_runs import MethodRun, leaves_options_open, method_runs, require_estimates
 from nlosctl.pipeline.solve.run import MeasurementRun
 
-__all__ = ["Execution", "check_conditions", "met_conditions", "solve"]
+__all__ = ["Execution", "check_conditions", "input_passes", "met_conditions", "readable_again", "solve"]
 
 _POOLED = ("file", "sensor")
 """What may have a factor of its standard deviations that takes passes over the input."""
@@ -61,7 +61,7 @@ def solve(
     with naming_importer(inputs):
         given = open_inputs(inputs, read.input_format)
     with (
-        _readable_again(given, read, options) as sources,
+        readable_again(given, read, options) if _may_need_passes(options) else nullcontext(given) as sources,
         open_measurements(sources, read, write, destination) as opened,
     ):
         runs = method_runs(options.method, opened.reader.kind, job, options.parameters, options.sweep)
@@ -89,17 +89,20 @@ def _missing_std(job: Job, options: SolveOptions) -> str:
     return "estimable" if job == "localize" else "error"
 
 
+def _may_need_passes(options: SolveOptions) -> bool:
+    """Return whether the settings ask for anything that is estimated from the whole input."""
+    return leaves_options_open(options.parameters) or options.estimate_std in _POOLED
+
+
 def _needs_passes(runs: Sequence[MethodRun], options: SolveOptions) -> bool:
     """Return whether anything is estimated from the whole input before the run."""
     return options.estimate_std in _POOLED or any(method.open_options for method in runs)
 
 
-def _readable_again(
+def readable_again(
     inputs: Sequence[Input], read: InputOptions, options: SolveOptions
 ) -> AbstractContextManager[Sequence[Input]]:
-    """Return the inputs, with streams that can be read several times if anything is estimated from them."""
-    if not (leaves_options_open(options.parameters) or options.estimate_std in _POOLED):
-        return nullcontext(inputs)
+    """Return the inputs, with streams that can be read several times."""
     from nlosctl.io.paths.spooled import spooled
     from nlosctl.pipeline.engine.slices import refuse_streams
 
@@ -108,22 +111,25 @@ def _readable_again(
     return spooled(inputs, read.max_spool_bytes)
 
 
-def _learn(
-    runs: Sequence[MethodRun], opened: Opened, options: SolveOptions, write: OutputOptions, destination: Destination
-) -> list[MethodRun]:
-    """Return the runs with open options, or the factors of standard deviations, estimated from the whole input."""
+def input_passes(opened: Opened, options: SolveOptions, write: OutputOptions) -> Any:
+    """Return the passes over opened inputs, by the processes or the cluster of ``options``."""
     from nlosctl.pipeline.engine.passes import InputPasses
 
-    reader = opened.reader
-    passes = InputPasses(
+    return InputPasses(
         inputs=tuple(opened.inputs),
-        options=reader.options,
-        survey=reader.survey(),
+        options=opened.reader.options,
+        survey=opened.reader.survey(),
         jobs=options.jobs,
         engine=None if options.scheduler is None else _cluster(options),  # processes serve as well as a local cluster
         ignores_bad_rows=write.bad_rows is not None,
     )
-    show = destination.console.detail
+
+
+def _learn(
+    runs: Sequence[MethodRun], opened: Opened, options: SolveOptions, write: OutputOptions, destination: Destination
+) -> list[MethodRun]:
+    """Return the runs with open options, or the factors of standard deviations, estimated from the whole input."""
+    reader, passes, show = opened.reader, input_passes(opened, options, write), destination.console.detail
     if options.estimate_std is not None:
         from nlosctl.pipeline.solve.stds.std_passes import estimate_stds
 

@@ -22,7 +22,7 @@ from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions, Mixtu
 from nlosctl.solvers.mixture.outside import OutsideSearch
 from nlosctl.solvers.mixture.path_groups import restore_rows
 from nlosctl.solvers.mixture.posterior import direct_probability, posterior_covariance
-from nlosctl.solvers.mixture.ranked_estimates import rank_modes, ranked_estimates, ranked_flags
+from nlosctl.solvers.mixture.ranked_estimates import direct_at, rank_modes, ranked_estimates, ranked_flags
 from nlosctl.solvers.optimization.split_batches import solve_parts, split_batch
 
 __all__ = ["METHOD", "MixtureOptions", "solve"]
@@ -103,20 +103,26 @@ def _with_proper_density(options: MixtureOptions) -> MixtureOptions:
     return replace(options, field_of_view_deg=360.0) if options.field_of_view_deg >= 180.0 else options
 
 
-def _direct_rows(batch: BearingBatch, options: MixtureOptions) -> tuple[FloatArray, FloatArray]:
-    """Return the likeliest position (B, D) and the probability (B, K) of each row to be direct there, else NaN."""
+def _direct_rows(
+    batch: BearingBatch, options: MixtureOptions, known_m: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the likeliest position (B, D) and the probability (B, K) of each row to be direct there, else NaN.
+
+    With known positions (B, D) those are the positions.
+    """
     options = _with_proper_density(options)
-    position, probability = (
-        np.full((batch.size, batch.dimension), np.nan),
-        np.full(batch.bearing_rad.shape, np.nan, order="F"),
-    )
+    position = np.full((batch.size, batch.dimension), np.nan) if known_m is None else known_m
+    probability = np.full(batch.bearing_rad.shape, np.nan, order="F")
     for rows, part in split_batch(batch, has_several_paths(batch)):
         grouped, groups = grouped_batch(part)
         model = outlier_model(grouped, groups, options)
-        modes = _modes(model, _candidates(grouped, model, options), options, None)
-        fixes, direct = rank_modes(model.mixture, modes)
-        for axis, values in enumerate(model.lines.absolute(*fixes.best_point)):
-            position[rows, axis] = values
+        if known_m is None:
+            modes = _modes(model, _candidates(grouped, model, options), options, None)
+            fixes, direct = rank_modes(model.mixture, modes)
+            for axis, values in enumerate(model.lines.absolute(*fixes.best_point)):
+                position[rows, axis] = values
+        else:
+            direct = direct_at(model.mixture, model.lines.center, known_m[rows])
         probability[rows] = restore_rows(direct, groups)
     return position, probability
 

@@ -22,7 +22,13 @@ from nlosctl.solvers.mixture.path_groups import PathGroups, restore_rows
 from nlosctl.solvers.mixture.posterior import direct_probability, posterior_covariance
 from nlosctl.solvers.mixture.range_candidates import RangeCandidates
 from nlosctl.solvers.mixture.range_rows import BiasLaw, RangeOutlierModel, grouped_ranges, range_outlier_model
-from nlosctl.solvers.mixture.ranked_estimates import rank_modes, ranked_estimates, ranked_flags, ranked_status
+from nlosctl.solvers.mixture.ranked_estimates import (
+    direct_at,
+    rank_modes,
+    ranked_estimates,
+    ranked_flags,
+    ranked_status,
+)
 from nlosctl.solvers.mixture.verdicts import prefer_feasible_modes
 
 __all__ = ["METHOD", "RangeMixtureOptions", "solve"]
@@ -119,14 +125,7 @@ def _search(
     batch: RangeBatch, options: RangeMixtureOptions
 ) -> tuple[PathGroups, RangeOutlierModel, RangeCandidates, Modes]:
     """Return the groups of a batch in the file's order, its model, its candidates and the modes they lead to."""
-    grouped, groups = grouped_ranges(batch)
-    model = range_outlier_model(
-        grouped,
-        groups,
-        alpha=options.alpha,
-        law=BiasLaw(options.bias, options.bias_mean_m, options.nlos_density_per_m),
-        path_prior=options.path_prior,
-    )
+    grouped, groups, model = _model(batch, options)
     candidates = RangeCandidates.of(grouped, model, options.max_pairs)
     modes = find_modes(
         model.mixture,
@@ -139,8 +138,29 @@ def _search(
     return groups, model, candidates, modes
 
 
-def _direct_rows(batch: RangeBatch, options: RangeMixtureOptions) -> tuple[FloatArray, FloatArray]:
-    """Return the likeliest position (B, D) and the probability (B, K) of each row to be direct there, else NaN."""
+def _model(batch: RangeBatch, options: RangeMixtureOptions) -> tuple[RangeBatch, PathGroups, RangeOutlierModel]:
+    """Return a batch with the rows of each group next to each other, the groups, and its model."""
+    grouped, groups = grouped_ranges(batch)
+    model = range_outlier_model(
+        grouped,
+        groups,
+        alpha=options.alpha,
+        law=BiasLaw(options.bias, options.bias_mean_m, options.nlos_density_per_m),
+        path_prior=options.path_prior,
+    )
+    return grouped, groups, model
+
+
+def _direct_rows(
+    batch: RangeBatch, options: RangeMixtureOptions, known_m: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the likeliest position (B, D) and the probability (B, K) of each row to be direct there, else NaN.
+
+    With known positions (B, D) those are the positions.
+    """
+    if known_m is not None:
+        _, groups, model = _model(batch, options)
+        return known_m, restore_rows(direct_at(model.mixture, model.circles.center, known_m), groups)
     groups, model, _, modes = _search(batch, options)
     fixes, direct = rank_modes(model.mixture, modes)
     return np.stack(model.circles.absolute(*fixes.best_point), axis=1), restore_rows(direct, groups)

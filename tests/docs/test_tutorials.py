@@ -18,6 +18,7 @@ TRADES = [
 ]
 EXAMPLES = [
     *TRADES,
+    "calibration",
     "columns",
     "conventions",
     "earth",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from nlosctl.cli.options.declarations import ConfigFile, Debug, FailIf, Inputs, Json, Quiet
+from nlosctl.cli.options.declarations import ConfigFile, Debug, FailIf, Inputs, Json, Quiet, Truth
 from nlosctl.cli.options.settings import takes_options
 from nlosctl.cli.terminal import Preview, Terminal, print_json, print_message, print_table
 from nlosctl.contract.run_options import InputOptions, OutputOptions
@@ -28,12 +28,7 @@ def evaluate(
     read: InputOptions,
     write: OutputOptions,
     *,
-    truth: Annotated[
-        str | None,
-        typer.Option(
-            "--truth", metavar="FILE", rich_help_panel="Input", help="True positions: snapshot, truth_x_m, truth_y_m."
-        ),
-    ] = None,
+    truth: Truth = None,
     estimates: Annotated[
         str | None,
         typer.Option(

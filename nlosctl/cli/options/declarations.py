@@ -8,7 +8,7 @@ import typer
 
 from nlosctl.cli.options.settings import take_config
 
-__all__ = ["CONFIG_HELP", "ConfigFile", "Debug", "FailIf", "Inputs", "Json", "Quiet", "Strict", "Verbose"]
+__all__ = ["CONFIG_HELP", "ConfigFile", "Debug", "FailIf", "Inputs", "Json", "Quiet", "Strict", "Truth", "Verbose"]
 
 CONFIG_HELP = "Config file (TOML); flags and NLOSCTL_<COMMAND>_<OPTION> take precedence."
 
@@ -28,6 +28,12 @@ FailIf = Annotated[
         metavar="CONDITION",
         rich_help_panel="Run",
         help="Exit 4 if a metric meets it: 'fix_rate<0.95', 'ml:fix_rate<0.95'. Repeatable.",
+    ),
+]
+Truth = Annotated[
+    str | None,
+    typer.Option(
+        "--truth", metavar="FILE", rich_help_panel="Input", help="True positions: snapshot, truth_x_m, truth_y_m."
     ),
 ]
 ConfigFile = Annotated[

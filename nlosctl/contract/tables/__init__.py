@@ -9,6 +9,7 @@ from nlosctl.contract.tables.added import ADDED_COLUMNS, ELLIPSE
 from nlosctl.contract.tables.arrivals import ARRIVALS
 from nlosctl.contract.tables.bearings_ranges import BEARINGS, RANGES
 from nlosctl.contract.tables.bound import BOUND
+from nlosctl.contract.tables.calibration import CALIBRATION
 from nlosctl.contract.tables.columns import SWEEP_PREFIX, Column, ColumnType, Spelling, Table, is_swept
 from nlosctl.contract.tables.results import ESTIMATES, FLAGS, TRUTH
 from nlosctl.contract.tables.scores import SCORES
@@ -22,6 +23,7 @@ __all__ = [
     "ARRIVALS",
     "BEARINGS",
     "BOUND",
+    "CALIBRATION",
     "EARTH_PLACES",
     "ELLIPSE",
     "ESTIMATES",
@@ -50,15 +52,20 @@ __all__ = [
 KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS, RANGES, TRIPLETS, ARRIVALS)}
 """The tables of measurements by their kind."""
 
-TABLES: dict[str, Table] = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS, TRACE, BOUND, SCORES, TRUTH)}}
+_TABLES_OF_ROWS = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS, TRACE, BOUND, SCORES, TRUTH)}}
+
+TABLES: dict[str, Table] = {**_TABLES_OF_ROWS, CALIBRATION.name: CALIBRATION}
 """Every table by its name; ``schemas/`` has one file for each."""
 
 
 @cache
 def contract_names() -> frozenset[str]:
-    """Return the names of all columns of all tables, including other spellings."""
+    """Return the names of all columns of measurements and results, including other spellings."""
     return frozenset(
-        name for table in TABLES.values() for column in (*table.columns, *table.space) for name in column.accepted_names
+        name
+        for table in _TABLES_OF_ROWS.values()
+        for column in (*table.columns, *table.space)
+        for name in column.accepted_names
     )
 
 
@@ -84,7 +91,7 @@ def azimuth_units() -> dict[str, float]:
 @cache
 def _declared_types() -> dict[str, ColumnType]:
     types: dict[str, ColumnType] = {}
-    for table in TABLES.values():
+    for table in _TABLES_OF_ROWS.values():
         for column in (*table.used_columns(()), *table.space):
             types |= dict.fromkeys(column.accepted_names, column.type)
     return types

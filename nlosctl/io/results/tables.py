@@ -1,4 +1,4 @@
-"""Tables of simulated measurements, of bounds and of scores."""
+"""Tables of simulated measurements, of bounds, of scores and of calibrations."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from nlosctl.arrays import IntArray
-from nlosctl.contract.tables import BOUND, KINDS, SCORES, is_swept
+from nlosctl.contract.calibration import Calibration
+from nlosctl.contract.tables import BOUND, CALIBRATION, KINDS, SCORES, is_swept
 from nlosctl.io.arrow_columns import ARROW_TYPES, SweepColumns
+from nlosctl.io.calibrations.calibration_file import entry_values
 from nlosctl.io.readers.base import plain_type
 from nlosctl.io.results.layouts import snapshot_field
 
-__all__ = ["bound_schema", "bound_table", "measurement_table", "score_table"]
+__all__ = ["bound_schema", "bound_table", "calibration_schema", "calibration_table", "measurement_table", "score_table"]
 
 
 _LABELS = {column.name for column in SCORES.columns if column.type == "text"}
@@ -101,3 +103,16 @@ def _score_row(of: str, group: Mapping[str, Any], words: Iterable[str]) -> dict[
             if name in _LABELS and value is not None:
                 row[name] = str(value)
     return row
+
+
+def calibration_schema(calibration: Calibration) -> Any:
+    """Return the Arrow schema of a calibration as a table."""
+    own = {calibration.quantity.name, calibration.quantity.std_name, "std_scale"}
+    fields = [pa.field(column.name, ARROW_TYPES[column.type]) for column in CALIBRATION.columns if column.name in own]
+    return pa.schema([*(pa.field(name, pa.string()) for name in ("name", *calibration.by)), *fields])
+
+
+def calibration_table(calibration: Calibration) -> Any:
+    """Return a calibration as a table, a row per entry; a standard deviation that is not determined is null."""
+    rows = [entry_values(entry, calibration.quantity, calibration.by) for entry in calibration.entries]
+    return pa.Table.from_pylist(rows, schema=calibration_schema(calibration))

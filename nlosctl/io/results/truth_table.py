@@ -92,6 +92,16 @@ class TruthTable:
             truth_m[on_earth, :2] = self._in_plane(truth_m[on_earth, :2], estimates.take(pa.array(on_earth)), name)
         return truth_m
 
+    def of_snapshots(self, ids: Any, source: str, frame: str, dimension: int) -> FloatArray:
+        """Return the truth (S, D) of snapshots with these ids of the input ``source``; arguments as in `look_up`.
+
+        ``frame`` is the local plane on earth as text, empty without one.
+        """
+        columns = {"snapshot": ids, "source": pa.array([source] * len(ids), pa.string())}
+        if frame:
+            columns["frame"] = pa.array([frame] * len(ids), pa.string())
+        return self.look_up(pa.table(columns), source, dimension)
+
     def _of_dimension(self, dimension: int) -> FloatArray:
         """Return the positions (T, D); raise DataError without heights."""
         if dimension > self._position.shape[1]:

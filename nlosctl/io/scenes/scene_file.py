@@ -29,7 +29,7 @@ from nlosctl.io.scenes.scene_entries import (
     shown_time,
 )
 
-__all__ = ["SCENE_KEY", "find_scene", "plane_of", "scene_from_toml", "scene_to_toml"]
+__all__ = ["SCENE_KEY", "find_scene", "plane_of", "scene_from_toml", "scene_to_toml", "toml_value"]
 
 SCENE_KEY = b"nlosctl.scene"
 """The metadata key of a table whose value is the scene as TOML text."""
@@ -196,14 +196,15 @@ def _block(head: str, item: Any, **keys: Any) -> str:
             value = (*value, item.z_m)
         if value != field.default and field.name not in _NOT_WRITTEN:
             keys[TOML_NAMES.get(field.name, field.name)] = value
-    return "\n".join([head, *(f"{name} = {_toml_value(value)}" for name, value in keys.items()), ""])
+    return "\n".join([head, *(f"{name} = {toml_value(value)}" for name, value in keys.items()), ""])
 
 
-def _toml_value(value: Any) -> str:
+def toml_value(value: Any) -> str:
+    """Return text, a finite number, a date-time, or a list of them as TOML."""
     if isinstance(value, str):
         return msgspec.json.encode(value).decode("utf-8").replace("\x7f", "\\u007f")
     if isinstance(value, tuple | list):
-        return f"[{', '.join(_toml_value(item) for item in value)}]"
+        return f"[{', '.join(toml_value(item) for item in value)}]"
     if isinstance(value, datetime):
         return value.isoformat()
     if not math.isfinite(value):

@@ -16,8 +16,8 @@ import numpy as np
 from nlosctl.arrays import BoolArray
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.exact_sums import ExactSums
+from nlosctl.io.measurements.completion.sensor_keys import sensor_texts
 from nlosctl.io.measurements.reader import Chunk
-from nlosctl.io.measurements.sensor_texts import sensor_texts
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.pipeline.solve.method_runs import MethodTally
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolution

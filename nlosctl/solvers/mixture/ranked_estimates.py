@@ -19,7 +19,7 @@ from nlosctl.solvers.mixture.modes import Modes
 from nlosctl.solvers.mixture.path_groups import PathGroups, restore_rows
 from nlosctl.solvers.optimization.problem import least_chi_square
 
-__all__ = ["Misfit", "RankedFixes", "rank_modes", "ranked_estimates", "ranked_flags", "ranked_status"]
+__all__ = ["Misfit", "RankedFixes", "direct_at", "rank_modes", "ranked_estimates", "ranked_flags", "ranked_status"]
 
 
 _CHANCE = 2
@@ -64,6 +64,12 @@ class Misfit:
         if mixture.height is not None:
             scalars = scalars + mixture.height.known
         self.chi_square[index], self.degrees_of_freedom[index] = chi_square, scalars - len(point)
+
+
+def direct_at(mixture: Mixture, center: Point, position_m: FloatArray) -> FloatArray:
+    """Return each row's probability (B, K) to be direct at known positions (B, D); ``center`` are the local origins."""
+    point = (part - middle for part, middle in zip(position_m.T, center, strict=False))
+    return mixture.responsibilities(*point)[0]
 
 
 def rank_modes(mixture: Mixture, modes: Modes) -> tuple[RankedFixes, FloatArray]:

@@ -25,8 +25,8 @@ from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.exact_sums import ExactSums
+from nlosctl.io.measurements.completion.sensor_keys import sensor_texts
 from nlosctl.io.measurements.reader import Chunk
-from nlosctl.io.measurements.sensor_texts import sensor_texts
 from nlosctl.pipeline.engine.passes import InputPasses
 from nlosctl.pipeline.solve.learned_options import MOST_PASSES, pass_batches
 from nlosctl.pipeline.solve.method_runs import MethodRun

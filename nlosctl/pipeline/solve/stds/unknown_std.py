@@ -17,8 +17,8 @@ from nlosctl.contract.results import Estimates, Flags, Solution, has_covariance
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.io.measurements.completion.sensor_keys import sensor_texts
 from nlosctl.io.measurements.reader import Chunk
-from nlosctl.io.measurements.sensor_texts import sensor_texts
 from nlosctl.models.scaled_residuals import SCALED_RESIDUALS
 from nlosctl.pipeline.solve.method_runs import MethodRun
 from nlosctl.pipeline.solve.stds.row_squares import snapshot_factors, uses_ranges, with_std_factors

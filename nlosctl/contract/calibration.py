@@ -1,0 +1,83 @@
+"""Calibrations: the offset of each sensor, the covariance of the offsets, and factors of standard deviations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from nlosctl.arrays import FloatArray
+
+__all__ = ["OFFSETS", "Calibration", "OffsetKind", "SensorOffset"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OffsetKind:
+    """The offset of a kind of measurement: its names and unit in files, and the contract's column that it changes.
+
+    The measurement in ``column`` is the true value plus the offset; ``scale`` converts the offset to the unit of the
+    column.
+    """
+
+    name: str
+    std_name: str
+    unit: str
+    column: str
+    scale: float = 1.0
+
+
+OFFSETS = {
+    "bearings": OffsetKind(
+        name="heading_offset_deg", std_name="heading_std_deg", unit="deg", column="bearing_rad", scale=pi / 180.0
+    ),
+    "ranges": OffsetKind(name="range_offset_m", std_name="range_offset_std_m", unit="m", column="range_m"),
+    "arrivals": OffsetKind(name="arrival_offset_m", std_name="arrival_offset_std_m", unit="m", column="arrival_m"),
+}
+"""By kind of measurement. A heading's offset is counter-clockwise, like bearings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorOffset:
+    """The offset of a sensor, and the factor ``std_scale`` of its stated standard deviations.
+
+    ``group`` are the values of the calibration's columns, in their order, for which the entry holds. ``std`` is None
+    where the offset is not determined; both are in the unit of files, see `OffsetKind`.
+    """
+
+    name: str
+    group: tuple[str, ...] = ()
+    offset: float = 0.0
+    std: float | None = None
+    std_scale: float = 1.0
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """The name and the group."""
+        return (self.name, *self.group)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Calibration:
+    """The offsets of the sensors of one kind of measurement, by name and by the values of the columns ``by``.
+
+    ``covariance`` (J, J) is that of the offsets of the entries ``order`` (indices), in squares of the unit of files.
+    """
+
+    kind: str
+    entries: tuple[SensorOffset, ...] = ()
+    by: tuple[str, ...] = ()
+    order: tuple[int, ...] = ()
+    covariance: FloatArray | None = None
+
+    @property
+    def quantity(self) -> OffsetKind:
+        """The names and the unit of the offsets."""
+        return OFFSETS[self.kind]
+
+    def correlated(self) -> FloatArray:
+        """Return the covariance (E, E) of all entries, in squares of the unit of the column; zeros where unknown."""
+        whole = np.zeros((len(self.entries),) * 2)
+        if self.covariance is not None and self.order:
+            whole[np.ix_(self.order, self.order)] = self.covariance * self.quantity.scale**2
+        return whole

@@ -1,0 +1,29 @@
+"""The columns of a calibration as a table."""
+
+from __future__ import annotations
+
+from nlosctl.contract.tables.columns import Column, Table
+
+__all__ = ["CALIBRATION"]
+
+_STD = "standard deviation of the offset; null if it is not determined"
+
+CALIBRATION = Table(
+    name="calibration",
+    title="Calibration: a row per sensor, and per value of the columns with offsets of their own",
+    columns=(
+        Column(name="name", type="text", required=True, meaning="name of the sensor"),
+        *(
+            Column(name=name, type="number", unit=unit, nullable=True, meaning=meaning)
+            for name, unit, meaning in (
+                ("heading_offset_deg", "deg", "what its bearings are too large by, counter-clockwise"),
+                ("heading_std_deg", "deg", _STD),
+                ("range_offset_m", "m", "what its ranges are too long by"),
+                ("range_offset_std_m", "m", _STD),
+                ("arrival_offset_m", "m", "what its arrivals are too late by, times the speed of the wave"),
+                ("arrival_offset_std_m", "m", _STD),
+            )
+        ),
+        Column(name="std_scale", type="number", required=True, meaning="factor of its stated standard deviations"),
+    ),
+)

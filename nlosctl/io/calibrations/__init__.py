@@ -1,0 +1,1 @@
+"""Files of calibrations, and rows as they are after a calibration."""

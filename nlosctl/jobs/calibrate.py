@@ -1,0 +1,162 @@
+"""Job: estimate the offsets of sensors, together with the positions of all snapshots."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+from nlosctl.contract.calibration import OFFSETS
+from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE
+from nlosctl.contract.run_options import InputOptions, OutputOptions, SolveOptions
+from nlosctl.errors import DataError, UsageError, did_you_mean
+from nlosctl.io.measurements.reader import MeasurementReader
+from nlosctl.io.paths.inputs import Input
+from nlosctl.io.results.layouts import TRUTH_NAMES
+from nlosctl.io.results.tables import calibration_table
+from nlosctl.io.results.truth_table import TruthTable
+from nlosctl.io.writers.output_set import OutputSet, check_targets
+from nlosctl.jobs.files import Destination, naming_importer, open_inputs, open_measurements, open_output, write_report
+from nlosctl.jobs.solve import input_passes, readable_again
+from nlosctl.pipeline.calibrate.calibration_report import CalibrationReport, calibration_of
+from nlosctl.pipeline.calibrate.known_positions import OWN_COLUMNS, KnownPositions
+from nlosctl.pipeline.calibrate.offset_passes import estimate_offsets
+from nlosctl.pipeline.calibrate.offset_sums import OffsetSums
+from nlosctl.pipeline.engine.workers import usable_jobs
+from nlosctl.pipeline.solve.method_runs import MethodRun, method_runs
+from nlosctl.pipeline.solve.target_heights import refuse_dimension
+
+__all__ = ["Prior", "calibrate"]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Prior:
+    """Priors of mean zero on the offset of every sensor: their stds, None without one."""
+
+    offset_prior_m: float | None = None
+    offset_prior_deg: float | None = None
+
+    def std(self, kind: str) -> float | None:
+        """Return the std for a kind of measurement, in the unit of files; raise UsageError for one of another unit."""
+        own, other = ("deg", "m") if OFFSETS[kind].unit == "deg" else ("m", "deg")
+        if getattr(self, f"offset_prior_{other}") is not None:
+            raise UsageError(f"`offset_prior_{other}` is not for {kind}; set `offset_prior_{own}`")
+        std: float | None = getattr(self, f"offset_prior_{own}")
+        if std is not None and not 0.0 < std < math.inf:
+            raise UsageError(f"`offset_prior_{own}` must be a finite number larger than 0. Got {std:g} instead.")
+        return std
+
+
+def calibrate(
+    inputs: Sequence[str] | Sequence[Input],
+    read: InputOptions,
+    options: SolveOptions,
+    write: OutputOptions,
+    destination: Destination,
+    *,
+    truth: str | Sequence[Input] | None = None,
+    prior: Prior | None = None,
+) -> CalibrationReport:
+    """Estimate the offsets of the sensors of measurements, and write them; return the report.
+
+    The columns ``by`` of ``read`` have offsets of their own for each value. ``truth`` is a table of true positions, or
+    ``columns``: those of the input. The targets are ``calibration`` (TOML) and ``table``, with a row per sensor. Raises
+    DataError for faults of the data, UsageError for options that don't suit them.
+    """
+    options = dataclasses.replace(options, jobs=options.jobs or usable_jobs(0))
+    by = tuple(read.by)
+    used = (*by, *TRUTH_NAMES, "truth_z_m") if truth == OWN_COLUMNS else by
+    read = dataclasses.replace(
+        read, use_threads=options.jobs != 1, by=() if read.window is None else by, extra_columns=used
+    )
+    with naming_importer(inputs):
+        given = open_inputs(inputs, read.input_format)
+    table = _truth_table(truth)
+    with (
+        readable_again(given, read, options) as sources,
+        open_measurements(sources, read, write, dataclasses.replace(destination, targets={})) as opened,
+        OutputSet() as outputs,
+    ):
+        targets = [*destination.targets.values(), None if write.report == "-" else write.report]
+        check_targets(targets, overwrite=write.overwrite, inputs=opened.protected)
+        reader = opened.reader
+        _check_groups(by, reader)
+        run = _method_run(reader, options)
+        prior_std = (prior or Prior()).std(reader.kind)
+        known = None if truth is None else KnownPositions.of(reader, table)
+        opened.set_bad_rows_aside(write, outputs)
+        with destination.console.progress("calibrate") as progress:
+            for _ in reader.chunks():
+                progress(reader.report.rows_in_all, None)
+        sums = OffsetSums(
+            kind=reader.kind,
+            dimension=reader.dimension,
+            scene=reader.scene,
+            run=run,
+            options=options,
+            by=by,
+            current={},
+            truth=known,
+        )
+        estimate = estimate_offsets(
+            sums,
+            None if prior_std is None else prior_std * OFFSETS[reader.kind].scale,
+            input_passes(opened, options, write),
+            ("sensor", *used),
+            destination.console.detail,
+            reader.report.snapshots,
+        )
+        report = CalibrationReport(
+            calibration=calibration_of(estimate, reader.kind, by),
+            estimate=estimate,
+            reader=reader,
+            method=run.label,
+            prior=prior_std,
+            truth="" if truth is None else "known",
+        )
+        _write(report, write, destination, outputs)
+    return report
+
+
+def _check_groups(by: Sequence[str], reader: MeasurementReader) -> None:
+    for name in by:
+        if name not in reader.column_names:
+            near = did_you_mean(name, reader.column_names)
+            raise DataError(f"`by` {name}: no column {name!r}{near}. The input has: {', '.join(reader.column_names)}")
+
+
+def _truth_table(truth: str | Sequence[Input] | None) -> TruthTable | None:
+    if truth is None or truth == OWN_COLUMNS:
+        return None
+    return TruthTable(open_inputs([truth] if isinstance(truth, str) else truth, None))
+
+
+def _method_run(reader: MeasurementReader, options: SolveOptions) -> MethodRun:
+    """Return the method of a calibration; raise UsageError for one that can't calibrate these measurements."""
+    if reader.kind not in OFFSETS:
+        raise UsageError(f"{reader.kind} have no offsets to calibrate; {', '.join(OFFSETS)} have")
+    runs = method_runs(options.method, reader.kind, "localize", options.parameters)
+    if len(runs) != 1:
+        raise UsageError(f"`method`: a calibration is made by one method. Got {len(runs)}.")
+    run = runs[0]
+    if run.spec.direct_rows is None and run.spec.cost != LEAST_HALF_CHI_SQUARE:
+        raise UsageError(f"{run.spec.name} can't calibrate {reader.kind}; ml and mixture-ml can")
+    if run.open_options:
+        raise UsageError(f"`parameters` {run.open_options[0]}=estimate: set a number to calibrate with")
+    if getattr(run.options, "law", "gaussian") != "gaussian":
+        raise UsageError(f"`parameters` law={run.options.law} has no offsets; leave it out to calibrate")
+    refuse_dimension(runs, reader.dimension, options.field)
+    if reader.dimension == 3 or reader.kind == "arrivals":
+        raise UsageError("a calibration is of bearings or ranges in two dimensions; set `dimensions` to 2")
+    return run
+
+
+def _write(report: CalibrationReport, write: OutputOptions, destination: Destination, outputs: OutputSet) -> None:
+    """Write the calibration as TOML and as a table, as wanted."""
+    wanted = destination.wanted
+    if "calibration" in wanted:
+        outputs.write_text(wanted["calibration"], report.toml(), overwrite=write.overwrite)
+    if "table" in wanted:
+        table = calibration_table(report.calibration)
+        outputs.take(open_output(wanted["table"], table.schema, write)).write(table)
+    write_report(write, report.as_dict(), outputs, destination.console)

@@ -1,0 +1,1 @@
+"""Calibration: offsets of sensors, estimated by passes over the input."""

@@ -1,0 +1,1 @@
+"""Offsets of sensors, estimated together with the positions of all snapshots."""
