@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.models.triplets import paths_of, snapshot_centers
 from nlosctl.solvers.triplets.common_target import CommonTargets, TargetModel, weigh_targets
 from nlosctl.solvers.triplets.detail_columns import DETAIL_COLUMNS, detail_columns, reasons
-from nlosctl.solvers.triplets.likelihood import TripletProblem
+from nlosctl.solvers.triplets.likelihood import TripletProblem, level_part, with_height
 from nlosctl.solvers.triplets.target_fits import fit_paths
 from nlosctl.solvers.triplets.target_status import judge_targets, p_values
 from nlosctl.solvers.triplets.wall_detours import Walls
@@ -65,14 +65,15 @@ def solve(batch: TripletBatch, options: JointOptions) -> Solution:
     it as direct paths would. A target on a wall of the scene is ambiguous if its paths fit better as such detours.
     Without the walls in the scene 3 % of the snapshots of a room without direct paths are ok. In space a target behind
     a wall of the scene is ambiguous, too. Paths without elevations have no p-value: ``direct_probability`` flags them.
-    A target of paths that lack one is ambiguous, since detours over a floor have the azimuths of direct paths.
+    A target of paths that lack one is ambiguous, since detours over a floor have the azimuths of direct paths. A
+    measured height is that of every target, and of nothing else.
     """
     rows = paths_of(batch)
     fits = fit_paths(rows)
     center = snapshot_centers(batch)
     problem = TripletProblem.of_snapshots(batch, center, options.target_radius_m)
     model = TargetModel(prior_indirect=options.prior_indirect, clutter=options.clutter, targets=options.targets)
-    common = weigh_targets(problem, rows.dense_from(center, *fits.point), model)
+    common = weigh_targets(problem, rows.dense_from(center, *fits.point), model, _own_scatterers(batch, center))
     own_p_value = rows.dense(p_values(rows, fits))
     # Without any valid hypothesis of a target (a lone path along its baseline) a path is judged by itself.
     weighed = sum_measurements(common.direct)[:, None] > 0.0
@@ -95,6 +96,14 @@ def solve(batch: TripletBatch, options: JointOptions) -> Solution:
     return Solution(estimates=estimates, flags=flags)
 
 
+def _own_scatterers(batch: TripletBatch, center: tuple[FloatArray, ...]) -> tuple[FloatArray, ...] | None:
+    """Return the scatterers (three arrays (B, K)) that fit each path without the height of the target; None without."""
+    if batch.target_z_m is None:
+        return None
+    rows = paths_of(replace(batch, target_z_m=None, target_z_std_m=None))
+    return rows.dense_from(center, *fit_paths(rows).point)
+
+
 def _lacks_elevations(batch: TripletBatch) -> BoolArray:
     """Return in which snapshots (B,) in space a path lacks an elevation."""
     lacks = np.zeros(batch.size, dtype=bool)
@@ -115,15 +124,18 @@ def _estimates(
     Every snapshot has at least one row, if only for its status; targets are numbered by the likelihood of each.
     """
     targets, size = common.point[0].shape
-    information = common.information
-    covariance = information.inverse()
+    information, held = common.information, problem.held
+    covariance = information.inverse() if held is None else with_height(level_part(information).inverse())
+    point = common.point
+    if held is not None:
+        point = (*point[:2], np.where(np.isfinite(point[2]), held.z_m, np.nan))
     status = np.empty((targets, size), dtype=np.uint8)
     walls = Walls(batch.scene, center)
     for index in range(targets):
-        point = tuple(part[index] for part in common.point)
-        status[index] = judge_targets(problem, point, covariance.at(index), np.isfinite(point[0]))
+        place = tuple(part[index] for part in point)
+        status[index] = judge_targets(problem, place, covariance.at(index), np.isfinite(place[0]))
         paths = common.supported[index] & (status[index] == Status.OK)[:, None]
-        detours = walls.may_be_detours(problem, point, information.at(index), paths)
+        detours = walls.may_be_detours(problem, place, information.at(index), paths)
         status[index][detours] = Status.AMBIGUOUS
     status[(status == Status.OK) & ((common.lead < ambiguous_within) | _lacks_elevations(batch))] = Status.AMBIGUOUS
     status[~common.supported.any(axis=2) | common.unfounded] = Status.NO_TARGET
@@ -138,7 +150,7 @@ def _estimates(
     row, target = np.nonzero(present)
     estimates = Estimates.of(
         listed(status),
-        tuple(listed(part + own) for part, own in zip(common.point, center, strict=True)),
+        tuple(listed(part + own) for part, own in zip(point, center, strict=True)),
         covariance.map(listed),
         listed(np.broadcast_to(common.cost, (targets, size))),
         listed(np.count_nonzero(supported, axis=2)),

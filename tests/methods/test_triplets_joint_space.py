@@ -136,3 +136,61 @@ def test_targets_of_paths_without_elevations_are_not_ok(missing):
     solution = joint.solve(without(batch, *missing), joint.JointOptions())
     assert (solution.estimates.status != Status.OK).all()
     assert (solution.estimates.status == Status.AMBIGUOUS).mean() > 0.5
+
+
+def measured(batch, height_m, std_m):
+    """Return a batch with measured heights (B,) of the targets."""
+    return dataclasses.replace(batch, target_z_m=height_m, target_z_std_m=np.full(height_m.shape, std_m))
+
+
+def test_a_height_that_is_hardly_known_changes_nothing(solved):
+    """With a height to 10,000 km memberships and estimates are those without one; it is one more scalar for fits."""
+    batch, _, target, plain = solved
+    loose = joint.solve(measured(batch, target[:, 2] + 1.0, 1e7), joint.JointOptions())
+    same = loose.estimates.status == plain.estimates.status
+    assert same.mean() > 0.99
+    assert set(plain.estimates.status[~same]) <= {Status.NO_TARGET}
+    shares = [part.flags.columns["direct_probability"] for part in (loose, plain)]
+    np.testing.assert_allclose(*shares, atol=1e-5)
+    np.testing.assert_allclose(loose.estimates.position_m[same], plain.estimates.position_m[same], atol=1e-6)
+    np.testing.assert_allclose(
+        loose.estimates.covariance_m2[same], plain.estimates.covariance_m2[same], rtol=1e-5, atol=1e-9
+    )
+    ok = same & (plain.estimates.status == Status.OK)
+    freedom = [part.estimates.degrees_of_freedom[ok] for part in (loose, plain)]
+    np.testing.assert_array_equal(freedom[0], freedom[1] + 1)
+    np.testing.assert_allclose(loose.estimates.chi_square[ok], plain.estimates.chi_square[ok], atol=1e-5)
+
+
+@pytest.mark.parametrize("std_m", [0.0, 0.02])
+def test_targets_use_a_measured_height(solved, std_m):
+    """Fixes are nearer, more detours are flagged, direct paths at their level, and covariances are true."""
+    batch, indirect, target, plain = solved
+    height = target[:, 2] + std_m * np.random.default_rng(7).standard_normal(target.shape[0])
+    solution = joint.solve(measured(batch, height, std_m), joint.JointOptions())
+    estimates, unknowns = solution.estimates, 3 if std_m else 2
+    ok = estimates.status == Status.OK
+    assert ok.mean() > 0.9
+    error = (estimates.position_m - target[estimates.row])[ok]
+    before = plain.estimates.status == Status.OK
+    worse = (plain.estimates.position_m - target[plain.estimates.row])[before]
+    assert np.sqrt((error**2).sum(axis=1).mean()) < 0.85 * np.sqrt((worse**2).sum(axis=1).mean())
+    assert solution.flags.columns["ip"][indirect].mean() > plain.flags.columns["ip"][indirect].mean() + 0.01
+    rate = (solution.flags.columns["p_value"][~indirect] < 0.05).mean()
+    assert abs(rate - 0.05) < 4.0 * np.sqrt(0.05 / 900) + 0.01
+    matrix = np.empty((ok.sum(), 3, 3))
+    for k, (i, j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
+        matrix[:, i, j] = matrix[:, j, i] = estimates.covariance_m2[ok, k]
+    error, matrix = error[:, :unknowns], matrix[:, :unknowns, :unknowns]
+    squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(matrix), error)
+    assert 0.92 < (squared < (7.815 if std_m else 5.991)).mean() < 0.985
+    if not std_m:
+        np.testing.assert_array_equal(estimates.covariance_m2[ok, 3:], 0.0)
+        np.testing.assert_allclose(estimates.position_m[ok, 2], height[estimates.row[ok]], atol=1e-12)
+
+
+def test_a_wrong_height_leaves_no_target(solved):
+    """A height that is a metre off, to 5 cm, agrees with no target: hardly one is ok."""
+    batch, _, target, _ = solved
+    wrong = joint.solve(measured(batch, target[:, 2] + 1.0, 0.05), joint.JointOptions())
+    assert (wrong.estimates.status == Status.OK).mean() < 0.05

@@ -50,15 +50,20 @@ _FEWEST = 4
 """Fewer paths cannot distinguish a target from scatterers of their own: their target is taken for granted."""
 
 
-def weigh_targets(problem: TripletProblem, proposed: Point, model: TargetModel) -> CommonTargets:
-    """Return the posterior of snapshots whose paths each propose a target (D arrays (B, K)) about the local origin."""
+def weigh_targets(
+    problem: TripletProblem, proposed: Point, model: TargetModel, own: Point | None = None
+) -> CommonTargets:
+    """Return the posterior of snapshots whose paths each propose a target (D arrays (B, K)) about the local origin.
+
+    ``own`` are the scatterers that fit each path best, if they are others: a measured height is that of targets alone.
+    """
     scale = sum_measurements(problem.path_length_m) / problem.paths
     # Targets on stations have densities that float64 does not hold.
     with ignoring_overflow():
         groups = _hypotheses(problem, proposed, model, scale)
         nothing = np.full(scale.shape, -np.inf)
         if problem.paths >= _FEWEST:
-            nothing = _log_nothing(problem, proposed, model, scale)
+            nothing = _log_nothing(problem, own or proposed, model, scale)
         return Posterior.of(groups, nothing, model.targets).judged(problem, model, scale)
 
 
@@ -90,6 +95,8 @@ def _likeliest(problem: TripletProblem, point: Point, model: TargetModel, scale_
             density = path_density(problem, k, tuple(part[some] for part in point), model, scale_m)
             scores[some] -= np.logaddexp(density.log_direct, density.log_indirect)
             note_step(first + block * k // problem.paths, count)
+    if problem.height is not None:
+        scores += problem.height.cost(point[2])
     order = np.argsort(np.where(np.isnan(scores), np.inf, scores), axis=0, kind="stable")
     return tuple(np.take_along_axis(part, order, axis=0) for part in point)
 
@@ -108,11 +115,15 @@ def _crossings(problem: TripletProblem) -> Point:
 
 @dataclass(frozen=True)
 class _Companions:
-    """Further targets (D arrays (P, B)) to consider, with the log-densities (P, B, K) of all paths."""
+    """Further targets (D arrays (P, B)) to consider, with the log-densities (P, B, K) of all paths.
+
+    ``cost`` (P, B) is that of their heights, where those are measured.
+    """
 
     point: Point
     log_direct: FloatArray
     log_indirect: FloatArray
+    cost: FloatArray
 
     @classmethod
     def of(cls, problem: TripletProblem, point: Point, model: TargetModel, scale_m: FloatArray) -> _Companions:
@@ -122,7 +133,8 @@ class _Companions:
             paths = [path_density(problem, k, one, model, scale_m) for k in range(problem.paths)]
             direct.append(np.stack([path.log_direct for path in paths], axis=1))
             indirect.append(np.stack([path.log_indirect for path in paths], axis=1))
-        return cls(point, np.stack(direct), np.stack(indirect))
+        cost = np.zeros(point[0].shape) if problem.height is None else problem.height.cost(point[2])
+        return cls(point, np.stack(direct), np.stack(indirect), cost)
 
     def extend(self, sets: TargetSets) -> Point:
         """Return sets (T + 1, H, B): the best sets, each with its likeliest companions."""
@@ -145,8 +157,8 @@ class _Companions:
         """Return the likeliest companions (H, B) of targets that give the paths these log-densities (B, K)."""
         known = np.logaddexp(log_direct, log_indirect)
         scores = []
-        for direct, indirect in zip(self.log_direct, self.log_indirect, strict=True):
-            total = -sum_measurements(np.logaddexp(known, np.logaddexp(direct, indirect)))
+        for direct, indirect, cost in zip(self.log_direct, self.log_indirect, self.cost, strict=True):
+            total = cost - sum_measurements(np.logaddexp(known, np.logaddexp(direct, indirect)))
             scores.append(np.where(np.isnan(total), np.inf, total))
         order = np.argsort(np.stack(scores), axis=0, kind="stable")[:_COMPANIONS]
         return tuple(np.take_along_axis(part, order, axis=0) for part in self.point)

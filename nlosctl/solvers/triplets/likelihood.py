@@ -18,6 +18,8 @@ from nlosctl.solvers.triplets.legs import Node, leg_to, length_residual
 __all__ = ["LEAST_SCALARS", "Height", "HeldTriplets", "PathSums", "TripletProblem", "level_part", "with_height"]
 
 
+_HELD_STD_M = 1e-3
+
 LEAST_SCALARS = 3
 """The scalars of a triplet without elevations: azimuths of departure and arrival, and path length."""
 
@@ -39,6 +41,25 @@ class Height(RowBlock):
         measured = np.isfinite(z_m) & (std_m > 0.0)
         inverse_std = np.where(measured, 1.0 / np.where(measured, std_m, 1.0), 0.0)
         return cls(np.nan_to_num(z_m), inverse_std, bool((std_m == 0.0).any()))
+
+    @property
+    def precision(self) -> FloatArray:
+        """The inverse variances (B,) in 1/m2; of held heights that of a millimetre, for methods that free them."""
+        return np.full(self.z_m.shape, _HELD_STD_M**-2) if self.held else self.inverse_std * self.inverse_std
+
+    def cost(self, z: FloatArray) -> FloatArray:
+        """Return half the chi-square (..., B) of heights (..., B) of targets."""
+        away = z - self.z_m
+        return np.asarray(0.5 * self.precision * away * away)
+
+    def add_to(self, z: FloatArray, gradient: tuple[FloatArray, ...], information: SymmetricMatrix) -> None:
+        """Add gradient and second derivatives of that, in place, to those of targets (..., B)."""
+        gradient[2][...] += self.precision * (z - self.z_m)
+        self.add_information(information)
+
+    def add_information(self, information: SymmetricMatrix) -> None:
+        """Add the information of heights, in place, to that of targets (..., B)."""
+        information.diagonal[2][...] += self.precision
 
 
 @dataclass(frozen=True)

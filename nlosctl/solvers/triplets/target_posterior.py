@@ -110,8 +110,7 @@ class Posterior:
                 for *point, supported in zip(*self.point, self.supported, strict=True)
             ]
         )
-        scalars = np.where(self.supported, problem.scalars(), 0).sum(axis=2)
-        spare = np.maximum(scalars - len(self.point), 1)
+        spare = np.maximum(problem.degrees_of_freedom(self.supported), 1)
         unfounded = weak | (chdtrc(spare, chi_square) < _LEAST_FIT)
         lead = np.where(np.isfinite(self.top), self.top - self.second, 0.0)
         return CommonTargets(
@@ -128,7 +127,8 @@ def _best_chi_square(
 ) -> FloatArray:
     """Return the chi-square (B,) that the direct paths leave at the position that fits them alone best.
 
-    That is a Gauss-Newton step from points (B,), where detours count too. The radius of the target is accounted for.
+    That is a Gauss-Newton step from points (B,), where detours count too. The radius of the target is accounted for,
+    and so is a measured height.
     """
     shape = point[0].shape
     total, gradient = np.zeros(shape), tuple(np.zeros(shape) for _ in point)
@@ -139,6 +139,9 @@ def _best_chi_square(
         for mine, part in zip(gradient, density.gradient, strict=True):
             mine += np.where(direct, part, 0.0)
         information += density.information.where(direct, none)
+    if problem.height is not None:
+        total += 2.0 * problem.height.cost(point[2])
+        problem.height.add_to(point[2], gradient, information)
     gain = dot(gradient, information.solve(*gradient))
     return np.where(gain > 0.0, np.maximum(total - gain, 0.0), total)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.geometry.symmetric import SymmetricMatrix, dot
-from nlosctl.solvers.triplets.likelihood import TripletProblem
+from nlosctl.solvers.triplets.likelihood import Height, TripletProblem
 from nlosctl.solvers.triplets.path_memberships import PathDensity, TargetModel, path_density
 
 __all__ = ["Point", "TargetSets", "log_any", "log_volume", "refine_sets"]
@@ -52,14 +52,17 @@ def log_any(parts: FloatArray) -> FloatArray:
     return total
 
 
-def log_volume(information: SymmetricMatrix, scale_m: FloatArray) -> FloatArray:
+def log_volume(information: SymmetricMatrix, scale_m: FloatArray, height: Height | None = None) -> FloatArray:
     """Return the log of the volume of a peak as a share of the prior's: a normal one, as wide as the paths are long.
 
-    Minus infinity where a hypothesis is on a station up to rounding.
+    Along z as wide as the error of a measured ``height``, which is part of the information. Minus infinity where a
+    hypothesis is on a station up to rounding.
     """
     ridge = 1.0 / (scale_m * scale_m)
     determinant = information.add_to_diagonal(ridge).determinant
     prior = 0.5 * information.dimension * np.log(ridge)
+    if height is not None:
+        prior = prior + 0.5 * np.log1p(height.precision / ridge)
     return np.where(determinant > 0.0, prior - 0.5 * np.log(determinant), -np.inf)
 
 
@@ -77,10 +80,12 @@ def refine_sets(problem: TripletProblem, point: Point, model: TargetModel, scale
     score = np.zeros(scales.shape)
     for path in densities:
         score += _log_total(path)
-    information = _observed_information(densities, scales)
+    information = _observed_information(densities, scales, copies.height)
     score -= len(densities) * math.log(targets)
     for target in range(targets):
-        score += log_volume(information.at(target), scales)
+        score += log_volume(information.at(target), scales, copies.height)
+        if copies.height is not None:
+            score -= copies.height.cost(point[2][target])
     scores = np.where(np.isnan(score), -np.inf, score).reshape(count, size)
     order = np.argsort(-scores, axis=0, kind="stable")
 
@@ -102,7 +107,9 @@ def refine_sets(problem: TripletProblem, point: Point, model: TargetModel, scale
     return replace(sets, valid=_distinct(sets))
 
 
-def _observed_information(densities: list[list[PathDensity]], scale_m: FloatArray) -> SymmetricMatrix:
+def _observed_information(
+    densities: list[list[PathDensity]], scale_m: FloatArray, height: Height | None
+) -> SymmetricMatrix:
     """Return the information (T, N): the expected less the missing one, or where that is not positive, the expected."""
     shape = (len(densities[0]), scale_m.shape[0])
     dimension = densities[0][0].information.dimension
@@ -112,6 +119,8 @@ def _observed_information(densities: list[list[PathDensity]], scale_m: FloatArra
         for target, density in enumerate(path):
             expected.at(target).__iadd__(density.pull(total)[1])
             missing.at(target).__iadd__(density.missing_information(total))
+    if height is not None:
+        height.add_information(expected)
     observed = expected + missing * np.full(shape, -1.0)
     positive = (observed.determinant > 0.0) & (observed.xx > 0.0)
     return observed.where(positive, expected)
@@ -173,6 +182,9 @@ def _step(
             for mine, part in zip(gradient, pull, strict=True):
                 mine[target] += part
             information.at(target).__iadd__(pull_information)
+    if problem.height is not None:
+        likelihood -= np.add.reduce(problem.height.cost(point[2]))
+        problem.height.add_to(point[2], gradient, information)
     step = information.solve(*(-part for part in gradient))
     gains = -0.5 * dot(gradient, step)
     expected_gain = gains[0]
