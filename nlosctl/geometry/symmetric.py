@@ -1,18 +1,20 @@
 """Batches of small symmetric matrices, for a state of D unknowns: products, solutions, inverses, eigenvalues.
 
-For D = 2 every operation has a closed form; for larger D it is a Cholesky factorization, written as loops over D.
+For D = 2 every operation has a closed form; for larger D it is a factorization L d L^T, written as loops over D.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import reduce
 from math import isqrt
 from typing import Any, Self
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_overflow
-from nlosctl.geometry.blocks import sum_measurements
+from nlosctl.geometry.blocks import add_measurements, column_blocks
+from nlosctl.geometry.eigensystems import extreme_eigenvalues
 
 __all__ = ["Symmetric2x2", "SymmetricMatrix", "dot"]
 
@@ -44,7 +46,10 @@ class SymmetricMatrix:
     @classmethod
     def gram(cls, *vector: FloatArray, weight: FloatArray | None = None) -> SymmetricMatrix:
         """Return the sums (B,) of ``weight * v v^T`` over the measurements, for vectors v given as D arrays (B, K)."""
-        return cls(*(sum_measurements(product) for product in _products(vector, weight)))
+        total = cls.full(vector[0].shape[:-1], 0.0, len(vector))
+        for at in column_blocks(vector[0].shape):
+            total.add_gram(*(part[..., at] for part in vector), weight=None if weight is None else weight[..., at])
+        return total
 
     @classmethod
     def full(cls, shape: int | tuple[int, ...], value: float, dimension: int = 2) -> SymmetricMatrix:
@@ -58,7 +63,8 @@ class SymmetricMatrix:
         return SymmetricMatrix(*(mine + theirs for mine, theirs in zip(self.parts, other.parts, strict=True)))
 
     def __iadd__(self, other: SymmetricMatrix) -> Self:
-        for mine, theirs in zip(self.parts, other.parts, strict=True):
+        """Add matrices in place, those of fewer coordinates to the part of the first ones."""
+        for mine, theirs in zip(self.parts, other.parts, strict=False):
             mine += theirs
         return self
 
@@ -72,6 +78,11 @@ class SymmetricMatrix:
         """Add other matrices times a factor in place, part by part, which keeps temporaries in the near caches."""
         for mine, theirs in zip(self.parts, other.parts, strict=True):
             mine += theirs * factor
+
+    def add_gram(self, *vector: FloatArray, weight: FloatArray | None = None) -> None:
+        """Add the sums of ``weight * v v^T`` over measurements (B, K) in place; v may lack the last coordinates: 0."""
+        for total, product in zip(self.parts, _products(vector, weight), strict=False):
+            add_measurements(total, product)
 
     @property
     def dimension(self) -> int:
@@ -106,7 +117,7 @@ class SymmetricMatrix:
     @property
     def trace(self) -> FloatArray:
         """The traces."""
-        return _add(self.diagonal)
+        return reduce(np.add, self.diagonal)
 
     @property
     def determinant(self) -> FloatArray:
@@ -114,10 +125,7 @@ class SymmetricMatrix:
         if len(self.parts) == 3:
             xx, xy, yy = self.parts
             return xx * yy - xy * xy
-        determinant = np.ones(self.xx.shape)
-        for i, row in enumerate(self.cholesky()):
-            determinant = determinant * (row[i] * row[i])
-        return determinant
+        return reduce(np.multiply, self._factors()[1])
 
     def at(self, *index: Any) -> SymmetricMatrix:
         """Return the matrices at an index, as in ``part[index]``: some rows, a column, a new axis."""
@@ -165,39 +173,13 @@ class SymmetricMatrix:
 
         For D = 2 the smaller is determinant / larger, so that it keeps its digits in nearly singular matrices.
         """
-        if len(self.parts) == 6:
-            return self._eigenvalues_in_space()
         if len(self.parts) != 3:
-            dense = self.dense()
-            finite = np.asarray(np.isfinite(dense).all(axis=(-2, -1)))
-            values = np.asarray(np.linalg.eigvalsh(np.where(finite[..., None, None], dense, 0.0)), dtype=np.float64)
-            return np.where(finite, values[..., 0], np.nan), np.where(finite, values[..., -1], np.nan)
+            return extreme_eigenvalues(self)
         half_difference = 0.5 * (self.xx - self.yy)
         with ignoring_overflow():
             larger = 0.5 * self.trace + np.sqrt(half_difference * half_difference + self.xy * self.xy)
             smaller = np.where(larger > 0.0, self.determinant / larger, 0.0)
         return smaller, larger
-
-    def _eigenvalues_in_space(self) -> tuple[FloatArray, FloatArray]:
-        """Return the smallest and the largest eigenvalues for D = 3, the largest by the cubic's trigonometric solution.
-
-        The others have the product determinant / largest, and their sum follows from the principal minors, so that the
-        smallest keeps its digits; 0 in singular matrices.
-        """
-        xx, yx, yy, zx, zy, zz = self.parts
-        with ignoring_overflow():
-            mean = self.trace / 3.0
-            x, y, z = xx - mean, yy - mean, zz - mean
-            spread = np.sqrt((x * x + y * y + z * z + 2.0 * (yx * yx + zx * zx + zy * zy)) / 6.0)
-            cubic = x * (y * z - zy * zy) - yx * (yx * z - zy * zx) + zx * (yx * zy - y * zx)
-            cosine = np.where(spread > 0.0, cubic / (2.0 * spread * spread * spread), 1.0)
-            largest = mean + 2.0 * spread * np.cos(np.arccos(np.clip(cosine, -1.0, 1.0)) / 3.0)
-            minors = (xx * yy - yx * yx) + (xx * zz - zx * zx) + (yy * zz - zy * zy)
-            product = self.determinant / largest
-            half = 0.5 * (minors - product) / largest
-            other = half + np.sqrt(np.maximum(half * half - product, 0.0))
-            smallest = np.where(product > 0.0, product / other, 0.0)
-        return np.where(np.isfinite(largest), smallest, np.nan), largest
 
     def dense(self) -> FloatArray:
         """Return the matrices as an array (B, D, D)."""
@@ -206,17 +188,27 @@ class SymmetricMatrix:
 
     def cholesky(self) -> list[list[FloatArray]]:
         """Return the rows of the Cholesky factor L, ``self = L L^T``; NaN where a matrix is not positive definite."""
-        rows: list[list[FloatArray]] = []
+        lower, pivots = self._factors()
+        roots = [np.sqrt(pivot) for pivot in pivots]
+        return [[*map(np.multiply, row, roots), root] for row, root in zip(lower, roots, strict=True)]
+
+    def _factors(self) -> tuple[list[list[FloatArray]], list[FloatArray]]:
+        """Return the rows of the unit lower triangle L without its diagonal, and the pivots d of ``self = L d L^T``.
+
+        Pivots are NaN where a matrix is not positive definite.
+        """
+        lower: list[list[FloatArray]] = []
+        pivots: list[FloatArray] = []
         with ignoring_overflow():
             for i in range(self.dimension):
-                row: list[FloatArray] = []
-                for j in range(i):
-                    row.append(_subtract_products(self.entry(i, j), row, rows[j][:j]) / rows[j][j])
-                diagonal = self.entry(i, i)
-                pivot = _subtract_products(diagonal, row, row)
-                row.append(np.sqrt(np.where(pivot > _LEAST_PIVOT * diagonal, pivot, np.nan)))
-                rows.append(row)
-        return rows
+                scaled: list[FloatArray] = []  # the row times the pivots
+                for j, row in enumerate(lower):
+                    scaled.append(reduce(np.subtract, map(np.multiply, scaled, row), self.entry(i, j)))
+                lower.append([part / pivot for part, pivot in zip(scaled, pivots, strict=True)])
+                pivot = reduce(np.subtract, map(np.multiply, scaled, lower[i]), self.entry(i, i))
+                definite = pivot > _LEAST_PIVOT * self.entry(i, i)
+                pivots.append(pivot if definite.all() else np.where(definite, pivot, np.nan))
+        return lower, pivots
 
     def solve(self, *right: FloatArray) -> tuple[FloatArray, ...]:
         """Return the solutions x of ``self x = right``, as D arrays; not finite where a matrix is singular."""
@@ -226,7 +218,12 @@ class SymmetricMatrix:
             with ignoring_overflow():
                 scale = 1.0 / self.determinant
                 return (yy * right_x - xy * right_y) * scale, (xx * right_y - xy * right_x) * scale
-        return _solve_factored(self.cholesky(), right)
+        rows, pivots = self._inverse_factors()
+        with ignoring_overflow():
+            forward = [reduce(np.add, [part * side for part, side in zip(row, right, strict=False)]) for row in rows]
+            forward = [part / pivot for part, pivot in zip(forward, pivots, strict=True)]
+            size = len(pivots)
+            return tuple(reduce(np.add, [rows[k][i] * forward[k] for k in range(i, size)]) for i in range(size))
 
     def inverse(self) -> SymmetricMatrix:
         """Return the inverses; not finite where a matrix is singular."""
@@ -235,18 +232,40 @@ class SymmetricMatrix:
             with ignoring_overflow():
                 scale = 1.0 / self.determinant
                 return SymmetricMatrix(yy * scale, -xy * scale, xx * scale)
-        factor, size = self.cholesky(), self.dimension
-        zero, one = np.zeros(self.xx.shape), np.ones(self.xx.shape)
-        columns = [_solve_factored(factor, [one if i == j else zero for i in range(size)]) for j in range(size)]
-        return SymmetricMatrix(*(columns[j][i] for i in range(size) for j in range(i + 1)))
+        rows, pivots = self._inverse_factors()
+        with ignoring_overflow():
+            weighed = [[part / pivot for part in row] for row, pivot in zip(rows, pivots, strict=True)]
+            size = len(pivots)
+            sums = (
+                reduce(np.add, [weighed[k][i] * rows[k][j] for k in range(i, size)])
+                for i in range(size)
+                for j in range(i + 1)
+            )
+            return SymmetricMatrix(*sums)
+
+    def _inverse_factors(self) -> tuple[list[list[Any]], list[FloatArray]]:
+        """Return the rows of the inverse of the triangle L of `_factors`, the ones of its diagonal included, and d."""
+        lower, pivots = self._factors()
+        rows: list[list[Any]] = []
+        with ignoring_overflow():
+            for i, row in enumerate(lower):
+                rows.append([-reduce(np.add, [row[k] * rows[k][j] for k in range(j, i)]) for j in range(i)] + [1.0])
+        return rows, pivots
 
     def congruence(self, middle: SymmetricMatrix) -> SymmetricMatrix:
         """Return ``self @ middle @ self``, the sandwich of a covariance."""
         indices = range(self.dimension)
         with ignoring_overflow():
-            left = [[_add([self.entry(i, k) * middle.entry(k, j) for k in indices]) for j in indices] for i in indices]
+            left = [
+                [reduce(np.add, [self.entry(i, k) * middle.entry(k, j) for k in indices]) for j in indices]
+                for i in indices
+            ]
             return SymmetricMatrix(
-                *(_add([left[j][k] * self.entry(k, i) for k in indices]) for i in indices for j in range(i + 1))
+                *(
+                    reduce(np.add, [left[j][k] * self.entry(k, i) for k in indices])
+                    for i in indices
+                    for j in range(i + 1)
+                )
             )
 
 
@@ -256,42 +275,11 @@ Symmetric2x2 = SymmetricMatrix
 
 def dot(left: Sequence[FloatArray], right: Sequence[FloatArray]) -> FloatArray:
     """Return the scalar products of vectors, given as D arrays each; D > 1."""
-    return _add([one * other for one, other in zip(left, right, strict=True)])
+    return reduce(np.add, [one * other for one, other in zip(left, right, strict=True)])
 
 
-def _products(vector: tuple[FloatArray, ...], weight: FloatArray | None) -> Iterator[FloatArray]:
+def _products(vector: Sequence[FloatArray], weight: FloatArray | None) -> Iterator[FloatArray]:
     """Yield the entries of ``weight * v v^T``, the lower triangle row by row."""
     for i, right in enumerate(vector):
         for left in vector[: i + 1]:
             yield left * right if weight is None else weight * left * right
-
-
-def _add(terms: Sequence[FloatArray]) -> FloatArray:
-    """Return the sum of the terms, added one by one in order."""
-    total = terms[0] + terms[1]
-    for term in terms[2:]:
-        total += term
-    return total
-
-
-def _subtract_products(value: FloatArray, left: list[FloatArray], right: list[FloatArray]) -> FloatArray:
-    """Return the value minus the products of two lists, one by one."""
-    for one, other in zip(left, right, strict=True):
-        value = value - one * other
-    return value
-
-
-def _solve_factored(
-    factor: list[list[FloatArray]], right: tuple[FloatArray, ...] | list[FloatArray]
-) -> tuple[FloatArray, ...]:
-    """Return the solutions of ``L L^T x = right`` by forward and back substitution."""
-    size = len(factor)
-    with ignoring_overflow():
-        forward: list[FloatArray] = []
-        for i, row in enumerate(factor):
-            forward.append(_subtract_products(right[i], row[:i], forward) / row[i])
-        solution: list[FloatArray] = []  # the last unknown first
-        for i in range(size - 1, -1, -1):
-            below = [factor[k][i] for k in range(size - 1, i, -1)]
-            solution.append(_subtract_products(forward[i], below, solution) / factor[i][i])
-    return tuple(reversed(solution))

@@ -11,9 +11,8 @@ from nlosctl.contract.results import Solution
 from nlosctl.models.sight import linear_lines
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
 from nlosctl.solvers.bearings.line_fits import (
-    fit_focused,
     fit_least_squares,
-    fit_stansfield,
+    fit_weighted,
     inflated_sandwich,
     sandwich_covariance,
     with_independent_errors,
@@ -55,8 +54,8 @@ def _solve(batch: BearingBatch, options: StansfieldOptions, *, focused: bool) ->
     lines = linear_lines(batch)
     first = fit_least_squares(lines)
     lines = with_independent_errors(lines, first)
-    fit = (fit_focused if focused else fit_stansfield)(lines, first)
     weighed_m = (lines.tube_width_m if focused else lines.stansfield_width_m)(*first.point)
+    fit = fit_weighted(lines, weighed_m)
     return finish_bearings_fix(
         batch,
         lines,

@@ -74,13 +74,16 @@ class SightLines(RowBlock):
         """Return the number of bearings of each snapshot."""
         return int(self.origin_x.shape[1])
 
-    def normals(self) -> tuple[FloatArray, FloatArray]:
-        """Return the unit normals (B, K) of the lines."""
-        return self.sine, -self.cosine
+    def normals(self, at: slice) -> tuple[FloatArray, FloatArray]:
+        """Return the unit normals (B, C) of the lines ``at`` some measurements."""
+        return self.sine[:, at], -self.cosine[:, at]
 
-    def offsets(self, normals: tuple[FloatArray, ...]) -> FloatArray:
-        """Return the offsets (B, K) of the lines along normals, which may have any length."""
-        return normals[0] * self.origin_x + normals[1] * self.origin_y
+    def planes(self, at: slice, weight: FloatArray | None) -> tuple[tuple[FloatArray, FloatArray], FloatArray]:
+        """Return the normals (B, C) of lines and the lines' offsets along them, both times a weight."""
+        x, y = self.normals(at)
+        if weight is not None:
+            x, y = weight * x, weight * y
+        return (x, y), x * self.origin_x[:, at] + y * self.origin_y[:, at]
 
     def absolute(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return points (B,) in the frame."""

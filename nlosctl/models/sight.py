@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, TypeAlias
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.batches import BearingBatch
@@ -12,7 +12,11 @@ from nlosctl.errors import UsageError
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.measured_height import GroundHeight
 
-__all__ = ["Crossing", "RayResiduals", "Sight", "bearing_lines", "has_geodesics", "linear_lines"]
+__all__ = ["Crossing", "Expansion", "RayResiduals", "Sight", "bearing_lines", "has_geodesics", "linear_lines"]
+
+Expansion: TypeAlias = tuple[FloatArray, tuple[FloatArray, ...], SymmetricMatrix, SymmetricMatrix | None]
+"""Half the chi-square (B, C) of some rows at a point, its D derivatives, the Gauss-Newton matrices of the rows, and
+what the second derivatives of their residuals add to these; None where that is left out."""
 
 
 def has_geodesics(batch: BearingBatch) -> bool:
@@ -109,12 +113,12 @@ class Sight(Protocol):
         """Return the number of measured scalars of each snapshot (B,)."""
         ...
 
-    def normals(self) -> tuple[FloatArray, ...]:
-        """Return the unit normals of the lines or planes of the measured values, an array (B, M) for each axis."""
+    def normals(self, at: slice) -> tuple[FloatArray, ...]:
+        """Return the unit normals (B, C) of the lines or planes of the scalars ``at``, an array for each axis."""
         ...
 
-    def offsets(self, normals: tuple[FloatArray, ...]) -> FloatArray:
-        """Return the offsets (B, M) of the lines or planes along normals, which may have any length."""
+    def planes(self, at: slice, weight: FloatArray | None) -> tuple[tuple[FloatArray, ...], FloatArray]:
+        """Return the normals and the offsets (B, C) of lines or planes along them, both times a weight (B, C)."""
         ...
 
     @property

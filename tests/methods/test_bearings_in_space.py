@@ -13,7 +13,7 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.statuses import Status
 from nlosctl.methods import bearings_ls, bearings_ml, bearings_stansfield
 from nlosctl.models.space.rays import space_lines
-from nlosctl.solvers.bearings.line_fits import fit_least_squares, fit_stansfield
+from nlosctl.solvers.bearings.line_fits import fit_least_squares, fit_weighted
 
 METHODS = {module.METHOD.name: module.METHOD for module in (bearings_ls, bearings_stansfield, bearings_ml)}
 
@@ -92,8 +92,9 @@ def test_closed_forms_are_the_normal_equations():
     batch, _ = ring_world(np.random.default_rng(3), 20, 2.0, without_elevation=True)
     lines = space_lines(batch)
     first = fit_least_squares(lines)
-    second = fit_stansfield(lines, first)
-    normals, offsets = np.stack(lines.normals(), axis=-1), lines.offsets(lines.normals())
+    second = fit_weighted(lines, lines.stansfield_width_m(*first.point))
+    planes, offsets = lines.planes(slice(None), None)
+    normals = np.stack(planes, axis=-1)
     weight = 1.0 / (lines.std * lines.tube_width_m(*first.point))
     for row in range(20):
         plain = np.linalg.lstsq(normals[row], offsets[row], rcond=None)[0]

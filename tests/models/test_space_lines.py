@@ -120,11 +120,11 @@ def test_planes_of_exact_angles_meet_at_the_source():
     batch, source = mixed_batch(20, 5)
     for std in (0.0, 1.0):
         lines = space_lines(with_height(batch, source[:, 2], std))
-        normals, point = lines.normals(), about_center(lines, source)
+        (normals, offsets), point = lines.planes(slice(None), None), about_center(lines, source)
         reach = sum(normal * part[:, None] for normal, part in zip(normals, point, strict=True))
         if lines.is_held:
             reach = reach - lines.held_m[:, None] * normals[2]
-        np.testing.assert_allclose(reach, lines.offsets(normals), atol=1e-9)
+        np.testing.assert_allclose(reach, offsets, atol=1e-9)
 
 
 def test_scalars_are_counted_not_rows():

@@ -16,7 +16,7 @@ from nlosctl.methods.bearings_ml import METHOD
 from nlosctl.models.scene_margins import scene_margins
 from nlosctl.models.sight import bearing_lines
 from nlosctl.models.space.paths import predict_directions
-from nlosctl.solvers.bearings.line_fits import fit_least_squares, fit_stansfield, with_independent_errors
+from nlosctl.solvers.bearings.line_fits import fit_focused, fit_least_squares, with_independent_errors
 
 SCENE = Scene(
     reflectors=(
@@ -64,8 +64,8 @@ def test_noise_free_rows_meet_at_the_source(with_frames: bool) -> None:
     seen = ~lines.outside_scene(*point)
     assert seen.mean() > 0.5
     assert np.abs(lines.residual(*point)[seen]).max() < 1e-10
-    normals = lines.normals()
-    missed = sum(part[:, None] * normal for part, normal in zip(point, normals, strict=True)) - lines.offsets(normals)
+    normals, offsets = lines.planes(slice(None), None)
+    missed = sum(part[:, None] * normal for part, normal in zip(point, normals, strict=True)) - offsets
     assert np.abs(missed[seen]).max() < 1e-2
     fit = fit_least_squares(lines)
     apart = np.linalg.norm(np.stack(fit.point) - np.stack(point), axis=0)
@@ -117,7 +117,7 @@ def test_errors_of_the_planes_are_independent_and_as_large_as_predicted(tangent:
     exact, base = bearing_lines(replace(one, direction_std_rad=one.bearing_std_rad) if tangent else one), {}
     point = local(exact, source)
     based = exact.based_at(*point)
-    normals, widths = based.normals(), based.tube_width_m(*point)
+    normals, widths = based.normals(slice(None)), based.tube_width_m(*point)
     base = {
         "bearing_rad": fields["bearing_rad"] + turned,
         "elevation_rad": fields["elevation_rad"] + rise_std * noise[1],
@@ -155,7 +155,7 @@ def test_stansfield_is_the_weighted_pass_of_dimensions() -> None:
     )
     lines = bearing_lines(batch)
     first = fit_least_squares(lines)
-    fit = fit_stansfield(with_independent_errors(lines, first), first)
+    fit = fit_focused(with_independent_errors(lines, first), first)
     for row in range(30):
         matrix, right = np.zeros((3, 3)), np.zeros(3)
         start = np.array(first.point)[:, row]

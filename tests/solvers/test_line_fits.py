@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.models.bearings import SightLines
-from nlosctl.solvers.bearings.line_fits import fit_least_squares, fit_stansfield
+from nlosctl.solvers.bearings.line_fits import fit_least_squares, fit_weighted
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -51,7 +51,7 @@ def test_stansfield_is_one_weighted_pass_from_least_squares() -> None:
     """Stansfield is lstsq with weights 1 / (std range) at the ranges of the least-squares fix, not iterated."""
     lines = random_lines(200, 6)
     first = fit_least_squares(lines)
-    fit = fit_stansfield(lines, first)
+    fit = fit_weighted(lines, lines.stansfield_width_m(*first.point))
     for row in range(200):
         start = fit_by_numpy(lines, row, np.ones(6))
         distance = np.hypot(start[0] - lines.origin_x[row], start[1] - lines.origin_y[row])
@@ -75,7 +75,7 @@ def test_parallel_lines_have_no_point() -> None:
     lines = random_lines(2, 3)
     lines.cosine[0], lines.sine[0] = 1.0, 0.0
     first = fit_least_squares(lines)
-    second = fit_stansfield(lines, first)
+    second = fit_weighted(lines, lines.stansfield_width_m(*first.point))
     for fit in (first, second):
         assert not np.isfinite([fit.x[0], fit.y[0]]).any()
         assert np.isfinite([fit.x[1], fit.y[1]]).all()

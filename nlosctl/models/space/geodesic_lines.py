@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from nlosctl.geometry.angles import wrap_angle
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.earth_centred import geodesic_between, geodesic_end, local_axes, to_earth_centred, to_geodetic
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.sight import Crossing, RayResiduals
+from nlosctl.models.sight import Crossing, Expansion, RayResiduals
 from nlosctl.models.space.open_sky import OpenSky
 
 __all__ = ["GeodesicLines", "geodesic_lines", "geodesics_about_sensors"]
@@ -99,18 +99,21 @@ class GeodesicLines(OpenSky):
             + SymmetricMatrix.outer(*steps[1], weight=covariance.yy)
         )
 
-    def normals(self) -> tuple[FloatArray, ...]:
-        """Return the unit normals (B, K) of the geodesics where they pass the middle of the plane."""
+    def normals(self, at: slice) -> tuple[FloatArray, ...]:
+        """Return the unit normals (B, C) of some geodesics where they pass the middle of the plane."""
+        return self.planes(at, None)[0]
+
+    def planes(self, at: slice, weight: FloatArray | None) -> tuple[tuple[FloatArray, ...], FloatArray]:
+        """Return the normals and the offsets (B, C) of some geodesics along them, both times a weight."""
+        x, y, offset = (part[:, at] if weight is None else weight * part[:, at] for part in self._planes)
+        return (x, y), offset
+
+    @cached_property
+    def _planes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         gradient = self._gradient(*self._middle())
         with ignoring_division():
             size = np.hypot(*gradient)
-            return gradient[0] / size, gradient[1] / size
-
-    def offsets(self, normals: tuple[FloatArray, ...]) -> FloatArray:
-        """Return the offsets (B, K) of the geodesics along normals, which may have any length."""
-        with ignoring_division():
-            distance = self.residual(*self._middle()) / np.hypot(*self._gradient(*self._middle()))
-        return distance * np.hypot(*normals)
+            return gradient[0] / size, gradient[1] / size, self.residual(*self._middle()) / size
 
     def tube_width_m(self, *point: FloatArray) -> FloatArray:
         """Return by how many metres (B, K) a geodesic moves per radian at points: its reduced length."""
@@ -153,15 +156,11 @@ class GeodesicLines(OpenSky):
             scale = scale * np.sqrt(squared / (squared + extra_m2[:, None]))
         return gradient[0] * scale, gradient[1] * scale
 
-    def linearized(self, *point: FloatArray) -> Iterator[tuple[FloatArray, tuple[FloatArray, ...]]]:
-        """Yield residual over std (B,) and derivatives, row by row."""
+    def expanded(self, *point: FloatArray) -> Iterator[Expansion]:
+        """Yield half the chi-square (B, K) and its derivatives; second derivatives of azimuths are left out."""
         scaled, slopes = self.residual(*point) / self.std, self.slopes(*point)
-        for k in range(self.azimuth.shape[1]):
-            yield scaled[:, k], tuple(slope[:, k] for slope in slopes)
-
-    def bending(self, *at: Any) -> SymmetricMatrix:
-        """Return zeros (B,): second derivatives of azimuths are left out."""
-        return SymmetricMatrix.full(at[0].shape, 0.0)
+        gradient = tuple(scaled * slope for slope in slopes)
+        yield 0.5 * scaled * scaled, gradient, SymmetricMatrix.outer(*slopes), None
 
     def information(
         self, *point: FloatArray, paths: None = None, extra_m2: FloatArray | None = None

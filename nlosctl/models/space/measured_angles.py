@@ -6,17 +6,18 @@ tangents of its direction.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray
 from nlosctl.geometry.angles import cosine_sine
 from nlosctl.geometry.blocks import RowBlock
+from nlosctl.geometry.directions import dot
 from nlosctl.geometry.symmetric import SymmetricMatrix
 
-__all__ = ["MeasuredAngles", "Vector"]
+__all__ = ["MeasuredAngles", "Seen", "Vector"]
 
 Vector = tuple[FloatArray, FloatArray, FloatArray]
 """Three coordinates as arrays of one shape."""
@@ -25,12 +26,37 @@ _ZENITH_STDS = 3.0
 """Nearer to the zenith than this many stds of the elevation the azimuth is no Gaussian angle."""
 
 
+class Seen(NamedTuple):
+    """Vectors (B, C) that sensors see in their own axes, with lengths of their level parts and of themselves."""
+
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    level_squared: FloatArray
+    level: FloatArray
+    squared: FloatArray
+
+    @classmethod
+    def of(cls, x: FloatArray, y: FloatArray, z: FloatArray) -> Seen:
+        """Return vectors with their lengths."""
+        level_squared = x * x
+        level_squared += y * y
+        squared = z * z
+        squared += level_squared
+        return cls(x, y, z, level_squared, np.sqrt(level_squared), squared)
+
+    @property
+    def vector(self) -> Vector:
+        """The vectors."""
+        return self.x, self.y, self.z
+
+
 @dataclass(frozen=True)
 class MeasuredAngles(RowBlock):
     """Cosines and sines (B, K) of azimuths and elevations; ``has_elevation`` is 0 in rows without one, else 1.
 
     With ``in_tangent_plane`` rows with an elevation have residuals in the tangent plane of the measured direction, also
-    right at the zenith.
+    right at the zenith. The functions of what sensors see are of the rows ``at`` (C of the K).
     """
 
     cos_azimuth: FloatArray
@@ -52,121 +78,144 @@ class MeasuredAngles(RowBlock):
         """The number of rows, K."""
         return int(self.cos_azimuth.shape[1])
 
-    def tangents(self) -> tuple[Vector, Vector]:
-        """Return the unit tangents (B, K) of the directions, along the azimuth and the elevation; 0 without one."""
-        a = (-self.sin_azimuth, self.cos_azimuth, np.zeros(self.cos_azimuth.shape, order="F"))
-        t = (-self.sin_elevation * self.cos_azimuth, -self.sin_elevation * self.sin_azimuth, self.cos_elevation)
-        return a, (t[0] * self.has_elevation, t[1] * self.has_elevation, t[2] * self.has_elevation)
+    def tangents(self, at: slice = slice(None)) -> tuple[Vector, Vector]:
+        """Return the unit tangents (B, C) of the directions, along the azimuth and the elevation; 0 without one."""
+        cosine, sine, lift = self.cos_azimuth[:, at], self.sin_azimuth[:, at], self.sin_elevation[:, at]
+        has = self.has_elevation[:, at]
+        a = (-sine, cosine, np.zeros(cosine.shape, order="F"))
+        lift = lift * has
+        return a, (-lift * cosine, -lift * sine, self.cos_elevation[:, at] * has)
 
-    def directions(self) -> Vector:
-        """Return the unit directions (B, K); level without an elevation."""
-        return self.cos_elevation * self.cos_azimuth, self.cos_elevation * self.sin_azimuth, self.sin_elevation
+    def directions(self, at: slice = slice(None)) -> Vector:
+        """Return the unit directions (B, C); level without an elevation."""
+        level = self.cos_elevation[:, at]
+        return level * self.cos_azimuth[:, at], level * self.sin_azimuth[:, at], self.sin_elevation[:, at]
 
-    def along_m(self, seen: Vector) -> FloatArray:
-        """Return how far vectors (B, K) reach along the directions; without an elevation in the level."""
-        level = self.cos_azimuth * seen[0] + self.sin_azimuth * seen[1]
-        return np.where(self.has_elevation > 0.0, self.cos_elevation * level + self.sin_elevation * seen[2], level)
+    def along_m(self, at: slice, seen: Seen) -> FloatArray:
+        """Return how far vectors (B, C) reach along the directions; without an elevation in the level."""
+        level = self.cos_azimuth[:, at] * seen.x + self.sin_azimuth[:, at] * seen.y
+        along = self.cos_elevation[:, at] * level + self.sin_elevation[:, at] * seen.z
+        return np.where(self.has_elevation[:, at] > 0.0, along, level)
 
-    def widths_m(self, seen: Vector) -> tuple[FloatArray, FloatArray]:
-        """Return by how many metres (B, K) a radian of azimuth and of elevation moves the ends of vectors.
+    def widths_m(self, at: slice, seen: Seen) -> tuple[FloatArray, FloatArray]:
+        """Return by how many metres (B, C) a radian of azimuth and of elevation moves the ends of vectors.
 
         In the tangent plane both by the distance, else the azimuth by its level part.
         """
-        squared = seen[0] * seen[0] + seen[1] * seen[1]
-        level, distance = np.sqrt(squared), np.sqrt(squared + seen[2] * seen[2])
+        distance = np.sqrt(seen.squared)
         if self.in_tangent_plane:
-            level = np.where(self.has_elevation > 0.0, distance, level)
-        return level, distance
+            return np.where(self.has_elevation[:, at] > 0.0, distance, seen.level), distance
+        return seen.level, distance
 
-    def at_zenith(self, seen: Vector, elevation_std_rad: FloatArray) -> BoolArray:
-        """Return in which rows (B, K) vector or measured direction are too near to the zenith for an azimuth."""
+    def at_zenith(self, at: slice, seen: Seen, elevation_std_rad: FloatArray) -> BoolArray:
+        """Return in which rows (B, C) vector or measured direction are too near to the zenith for an azimuth."""
         if self.in_tangent_plane:
-            return np.zeros(self.cos_azimuth.shape, dtype=bool)
-        level, distance = self.widths_m(seen)
-        least = np.sin(np.minimum(_ZENITH_STDS * elevation_std_rad, 0.5 * np.pi))
-        steep = np.minimum(level, self.cos_elevation * distance) < least * distance
-        return np.asarray((self.has_elevation > 0.0) & steep)
+            return np.zeros(seen.x.shape, dtype=bool)
+        _, least = cosine_sine(np.minimum(_ZENITH_STDS * elevation_std_rad, 0.5 * np.pi))
+        steep = (seen.level_squared < least * least * seen.squared) | (self.cos_elevation[:, at] < least)
+        return np.asarray((self.has_elevation[:, at] > 0.0) & steep)
 
-    def compare(self, k: int, seen: Vector, extra_m2: FloatArray | None = None) -> Iterator[tuple[FloatArray, Vector]]:
-        """Yield measured minus predicted (B,) and its derivatives by the vector, of azimuth and elevation of row ``k``.
+    def residuals(self, at: slice, seen: Seen) -> tuple[FloatArray, FloatArray]:
+        """Return measured minus predicted azimuths and elevations (B, C); of rows without an elevation without meaning.
 
-        With ``extra_m2`` (B,) squared distances in the derivatives are that much larger.
+        In the tangent plane minus the parts of the predicted direction along the tangents of the measured one.
         """
+        cosine, sine = self.cos_azimuth[:, at], self.sin_azimuth[:, at]
+        azimuth = np.arctan2(sine * seen.x - cosine * seen.y, cosine * seen.x + sine * seen.y)
         if self.in_tangent_plane:
-            yield from self._compare_in_tangent_plane(k, seen, extra_m2)
-            return
-        vx, vy, vz = seen
-        squared = vx * vx + vy * vy
-        whole = squared + vz * vz
-        yield self._azimuth(k, seen, extra_m2)
-        cosine, sine, has = self.cos_elevation[:, k], self.sin_elevation[:, k], self.has_elevation[:, k]
-        level = np.sqrt(squared)
-        weight = -has / (whole if extra_m2 is None else np.sqrt(whole * (whole + extra_m2)))
-        slant = -vz / level * weight
-        rise = np.arctan2(sine * level - cosine * vz, cosine * level + sine * vz) * has
-        yield rise, (vx * slant, vy * slant, level * weight)
+            left, above = self._along_tangents(at, seen)
+            return np.where(self.has_elevation[:, at] > 0.0, -left, azimuth), -above
+        cosine, sine = self.cos_elevation[:, at], self.sin_elevation[:, at]
+        return azimuth, np.arctan2(sine * seen.level - cosine * seen.z, cosine * seen.level + sine * seen.z)
 
-    def _azimuth(self, k: int, seen: Vector, extra_m2: FloatArray | None) -> tuple[FloatArray, Vector]:
-        vx, vy, _ = seen
-        cosine, sine = self.cos_azimuth[:, k], self.sin_azimuth[:, k]
-        squared = vx * vx + vy * vy
-        weight = 1.0 / (squared if extra_m2 is None else np.sqrt(squared * (squared + extra_m2)))
-        residual = np.arctan2(sine * vx - cosine * vy, cosine * vx + sine * vy)
-        return residual, (vy * weight, -vx * weight, np.zeros(vx.shape))
+    def slopes(
+        self, at: slice, seen: Seen, scales: tuple[FloatArray, FloatArray], extra_m2: FloatArray | None = None
+    ) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
+        """Return the derivatives (B, C) of both residuals by the vectors, times ``scales``.
 
-    def _compare_in_tangent_plane(
-        self, k: int, seen: Vector, extra_m2: FloatArray | None
-    ) -> Iterator[tuple[FloatArray, Vector]]:
-        """Yield minus the parts of the predicted direction along the tangents of the measured one."""
-        vx, vy, vz = seen
-        whole = vx * vx + vy * vy + vz * vz
-        inverse = 1.0 / np.sqrt(whole)
-        unit = vx * inverse, vy * inverse, vz * inverse
-        scale = inverse if extra_m2 is None else 1.0 / np.sqrt(whole + extra_m2)
-        has = self.has_elevation[:, k]
-        for tangent, level in zip(self.tangents(), (self._azimuth(k, seen, extra_m2), None), strict=True):
-            mine = tuple(part[:, k] for part in tangent)
-            along = mine[0] * unit[0] + mine[1] * unit[1] + mine[2] * unit[2]
-            slopes = [(along * part - other) * scale for part, other in zip(unit, mine, strict=True)]
-            if level is None:
-                yield -along, (slopes[0] * has, slopes[1] * has, slopes[2] * has)
-                continue
-            x, y, z = (np.where(has > 0.0, *pair) for pair in zip(slopes, level[1], strict=True))
-            yield np.where(has > 0.0, -along, level[0]), (x, y, z)
-
-    def bending(self, k: int, seen: Vector, azimuth: FloatArray, rise: FloatArray) -> SymmetricMatrix:
-        """Return the sum of the second derivatives of both residuals of row ``k``, times ``azimuth``, ``rise`` (B,)."""
-        rise = rise * self.has_elevation[:, k]
-        vx, vy, vz = seen
-        squared = vx * vx + vy * vy
-        whole = squared + vz * vz
-        twist = azimuth / (squared * squared)
+        Those of azimuths may lack z, which is 0. With ``extra_m2`` (B,) squared distances are that much larger.
+        """
+        weight = scales[0] / _enlarged(seen.level_squared, extra_m2)
+        turn = seen.y * weight, -seen.x * weight
         if self.in_tangent_plane:
-            flat = self.has_elevation[:, k] > 0.0
-            twist = np.where(flat, 0.0, twist)
-            total = self._bending_in_tangent_plane(k, seen, whole, np.where(flat, azimuth, 0.0), rise)
+            return self._slopes_in_tangent_plane(at, seen, turn, scales, extra_m2)
+        weight = scales[1] / _enlarged(seen.squared, extra_m2)
+        slant = seen.z / seen.level
+        slant *= weight
+        return turn, (seen.x * slant, seen.y * slant, -seen.level * weight)
+
+    def bending(self, at: slice, seen: Seen, azimuth: FloatArray, rise: FloatArray) -> SymmetricMatrix:
+        """Return the sum of the second derivatives of both residuals, times ``azimuth`` and ``rise`` (B, C).
+
+        ``rise`` is 0 in rows without an elevation.
+        """
+        x, y, z, level_squared, level, squared = seen
+        xx, xy, yy = x * x, x * y, y * y
+        twist = azimuth / (level_squared * level_squared)
+        if self.in_tangent_plane:
+            has = self.has_elevation[:, at]
+            twist = np.where(has > 0.0, 0.0, twist)
+            total = self._bending_in_tangent_plane(at, seen, np.where(has > 0.0, azimuth, 0.0), rise)
         else:
-            level = np.sqrt(squared)
-            lx, ly = vx / level, vy / level
-            bend = -rise / (whole * whole)
-            ff, fz, aa = 2.0 * level * vz * bend, (vz - level) * (vz + level) * bend, -vz / level * whole * bend
+            bend = rise / (squared * squared)
+            steep = z / level
+            turned = (level - z * steep) * bend
+            steep *= bend
+            along = -2.0 * steep  # this and the next over the square of the level part
+            across = steep * squared / level_squared
             total = SymmetricMatrix(
-                ff * lx * lx + aa * ly * ly, (ff - aa) * lx * ly, ff * ly * ly + aa * lx * lx, fz * lx, fz * ly, -ff
+                along * xx + across * yy,
+                (along - across) * xy,
+                along * yy + across * xx,
+                turned * x,
+                turned * y,
+                -along * level_squared,
             )
-        cross = 2.0 * vx * vy * twist
-        turn = (vx * vx - vy * vy) * twist
-        return SymmetricMatrix(total.xx - cross, total.xy + turn, total.yy + cross, *total.parts[3:])
+        xy *= twist
+        xy += xy
+        total.parts[0][...] -= xy
+        total.parts[2][...] += xy
+        xx -= yy
+        xx *= twist
+        total.parts[1][...] += xx
+        return total
 
-    def _bending_in_tangent_plane(
-        self, k: int, seen: Vector, squared_m2: FloatArray, *residuals: FloatArray
-    ) -> SymmetricMatrix:
-        """Return minus the second derivatives of the direction's parts along the tangents, times residuals (B,)."""
-        inverse = 1.0 / np.sqrt(squared_m2)
-        unit = tuple(part * inverse for part in seen)
+    def _along_tangents(self, at: slice, seen: Seen) -> tuple[FloatArray, FloatArray]:
+        """Return the parts (B, C) of the predicted directions along both tangents of the measured ones."""
+        inverse = 1.0 / np.sqrt(seen.squared)
+        left, above = (dot(tangent, seen.vector) * inverse for tangent in self.tangents(at))
+        return left, above
+
+    def _slopes_in_tangent_plane(
+        self,
+        at: slice,
+        seen: Seen,
+        turn: tuple[FloatArray, ...],
+        scales: tuple[FloatArray, FloatArray],
+        extra_m2: FloatArray | None,
+    ) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
+        inverse = 1.0 / np.sqrt(seen.squared)
+        per_metre = inverse if extra_m2 is None else 1.0 / np.sqrt(seen.squared + extra_m2[:, None])
+        both = []
+        for tangent, along, scale in zip(self.tangents(at), self._along_tangents(at, seen), scales, strict=True):
+            pairs = zip(seen.vector, tangent, strict=True)
+            both.append(tuple((along * part * inverse - own) * (per_metre * scale) for part, own in pairs))
+        has = self.has_elevation[:, at] > 0.0
+        pairs = zip(both[0], (*turn, np.zeros(has.shape)), strict=True)
+        return tuple(np.where(has, *pair) for pair in pairs), both[1]
+
+    def _bending_in_tangent_plane(self, at: slice, seen: Seen, *residuals: FloatArray) -> SymmetricMatrix:
+        """Return minus the second derivatives of the direction's parts along the tangents, times residuals (B, C)."""
+        inverse = 1.0 / np.sqrt(seen.squared)
+        unit = tuple(part * inverse for part in seen.vector)
         total = SymmetricMatrix.full(inverse.shape, 0.0, 3)
-        for tangent, residual in zip(self.tangents(), residuals, strict=True):
-            mine = tuple(part[:, k] for part in tangent)
-            along = mine[0] * unit[0] + mine[1] * unit[1] + mine[2] * unit[2]
-            bend = SymmetricMatrix.symmetrized(mine, unit) + SymmetricMatrix.outer(*unit, weight=-3.0 * along)
+        parts = zip(self.tangents(at), self._along_tangents(at, seen), residuals, strict=True)
+        for tangent, along, residual in parts:
+            bend = SymmetricMatrix.symmetrized(tangent, unit) + SymmetricMatrix.outer(*unit, weight=-3.0 * along)
             total.add_scaled(bend.add_to_diagonal(along), residual * inverse * inverse)
         return total
+
+
+def _enlarged(squared_m2: FloatArray, extra_m2: FloatArray | None) -> FloatArray:
+    """Return squares (B, C), or their geometric means with squares larger by ``extra_m2`` (B,)."""
+    return squared_m2 if extra_m2 is None else np.sqrt(squared_m2 * (squared_m2 + extra_m2[:, None]))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,9 @@ from nlosctl.geometry.directions import scaled
 from nlosctl.geometry.planes import reflect_vector
 from nlosctl.geometry.spheres import SpherePath
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.sight import Expansion
 from nlosctl.models.space.lines import SpaceLines
-from nlosctl.models.space.measured_angles import Vector
+from nlosctl.models.space.measured_angles import Seen, Vector
 from nlosctl.models.space.sphere_rows import OpaqueSphereRows, SphereRows
 
 __all__ = ["SphereLines"]
@@ -48,21 +49,20 @@ class SphereLines(SpaceLines):
     opaque: tuple[OpaqueSphereRows, ...]
     refuses: bool = False
 
-    def normals(self) -> Vector:
+    def _normals_of_rows(self) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
         """Return the normals of `SpaceLines`, of rows by spheres in the two directions that a fit takes.
 
         An azimuth alone has that of the upright plane of its initial estimates.
         """
-        x, y, z = (part.copy() for part in super().normals())
-        normals = (x, y, z)
+        both = super()._normals_of_rows()
         spheres, has_plane = self.spheres, self.spheres.tangents.has_plane
         first, second = spheres.tangents.directions()
         upright = zip(first, spheres.upright(), strict=True)
         first = tuple(np.where(has_plane, *pair) for pair in upright)
-        for begin, directions in zip((0, self.rows), (first, second), strict=True):
+        for normals, directions in zip(both, (first, second), strict=True):
             for block, part in zip(normals, directions, strict=True):
-                spheres.place_in(block[:, begin : begin + self.rows], part)
-        return normals
+                spheres.place_in(block, part)
+        return both
 
     def tube_width_m(self, *point: FloatArray) -> FloatArray:
         """Return by how many metres (B, M) each plane moves per unit of its scalar at points; 1 of a height."""
@@ -93,14 +93,18 @@ class SphereLines(SpaceLines):
         """Return points, those that are not inside a row's sphere moved into it."""
         return self.spheres.moved_inside(*self.whole(point))[: self.unknowns]
 
-    def row_path(self, k: int, whole: Vector, paths: SpherePath | None = None) -> RowPath | None:
-        """Return the paths of row ``k`` by spheres from points (B, ...), taken from those of all rows if given."""
-        part = self.spheres.of_measurement(k)
+    def _blocks(self) -> Iterator[slice]:
+        """Yield the rows one by one."""
+        return (slice(k, k + 1) for k in range(self.rows))
+
+    def row_path(self, at: slice, whole: Vector, paths: SpherePath | None = None) -> RowPath | None:
+        """Return the paths of one row by spheres from points (B,) or (B, P), taken from those of all rows if given."""
+        part = self.spheres.of_measurement(at.start)
         snapshot = part.snapshot
         if not snapshot.size:
             return None
         if paths is not None:
-            path = paths.take(self.spheres.span(k))
+            path = paths.take(self.spheres.span(at.start))
         else:
             points = whole[0].size // whole[0].shape[0]
             part = part if points == 1 else part.picked(np.repeat(np.arange(snapshot.size), points))
@@ -109,41 +113,43 @@ class SphereLines(SpaceLines):
         exists = np.isfinite(path.flat.bearing_rad) & ((path.flat.tube_width_m > 0.0) | part.takes_any_path)
         return RowPath(snapshot, path, part.tangents.normal, exists)
 
-    def seen(self, k: int, whole: Vector, path: RowPath | None) -> Vector:
-        """Return the vectors (B, ...) from the sensor of row ``k`` as it sees them, as long as their paths."""
+    def seen(self, at: slice, whole: Vector, path: RowPath | None = None) -> Seen:
+        """Return the vectors from one sensor to points (B,) or (B, P) as it sees them, as long as their paths."""
         if path is None:
-            return super().seen(k, whole, None)
-        wide = (slice(None), k, *([None] * (whole[0].ndim - 1)))
-        x, y, z = (part - origin[wide] for part, origin in zip(whole, self.origin, strict=True))
-        for part, along in zip((x, y, z), reflect_vector(path.by_sphere.vector, path.mirror), strict=True):
-            shape = (path.snapshot.shape[0], *part.shape[1:])
+            return super().seen(at, whole)
+        vector = self._from_origins(at, whole)
+        for part, along in zip(vector, reflect_vector(path.by_sphere.vector, path.mirror), strict=True):
+            shape = (path.snapshot.shape[0], part.shape[1])
             instead = np.nan if self.refuses else part[path.snapshot]
             part[path.snapshot] = np.where(path.exists.reshape(shape), along.reshape(shape), instead)
-        return (x, y, z) if self.axes is None else self.axes.seen((x, y, z), wide)
+        return self._as_seen(vector, at)
 
-    def compared(
-        self, k: int, seen: Vector, extra_m2: FloatArray | None, path: RowPath | None
-    ) -> Iterator[tuple[FloatArray, Vector]]:
-        """Yield residual (B,) and its derivatives of azimuth and elevation of row ``k``, along the paths by spheres."""
+    def slopes_at(
+        self, at: slice, seen: Seen, path: RowPath | None = None, extra_m2: FloatArray | None = None
+    ) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
+        """Return the derivatives (B, 1) of `SpaceLines` of one row at points (B,), along the paths by spheres."""
+        of_azimuth, of_rise = super().slopes_at(at, seen, None, extra_m2)
         if path is None:
-            yield from super().compared(k, seen, extra_m2, None)
-            return
-        without_weight = np.isinf(self.std[path.snapshot, k])
+            return of_azimuth, of_rise
+        if len(of_azimuth) < len(of_rise):
+            of_azimuth = (*of_azimuth, np.zeros(seen.x.shape))
+        without_weight = np.isinf(self.std[path.snapshot, at.start])
         scale = np.where(without_weight, 0.0, np.where(path.exists, path.by_sphere.flat.length_m, np.nan))
-        for residual, slopes in self.angles.compare(k, seen, extra_m2):
-            x, y, z = (part.copy() for part in self._from_sensor(slopes, k))
-            turned = reflect_vector((x[path.snapshot], y[path.snapshot], z[path.snapshot]), path.mirror)
-            for part, slope in zip((x, y, z), scaled(path.by_sphere.gradient(turned), scale), strict=True):
-                part[path.snapshot] = np.where(without_weight, 0.0, slope)
-            yield residual, (x, y, z)
+        for slopes in (of_azimuth, of_rise):
+            x, y, z = (slope[path.snapshot, 0] for slope in slopes)
+            along = scaled(path.by_sphere.gradient(reflect_vector((x, y, z), path.mirror)), scale)
+            for slope, part in zip(slopes, along, strict=True):
+                slope[path.snapshot, 0] = np.where(without_weight, 0.0, part)
+        return of_azimuth, of_rise
 
-    def last_leg(self, k: int, whole: Vector, path: RowPath | None) -> Vector:
-        """Return vectors (B,) from the sphere to points, as long as the whole paths of row ``k``."""
-        x, y, z = super().last_leg(k, whole, None)
+    def last_leg(self, at: slice, whole: Vector, path: RowPath | None) -> Vector:
+        """Return vectors (B, 1) from the sphere to points (B,), as long as the whole paths of one row."""
+        vector = super().last_leg(at, whole, None)
         if path is not None:
-            for part, along in zip((x, y, z), path.by_sphere.last_leg, strict=True):
-                part[path.snapshot] = np.where(path.exists, along, np.nan if self.refuses else part[path.snapshot])
-        return x, y, z
+            for part, along in zip(vector, path.by_sphere.last_leg, strict=True):
+                instead = np.nan if self.refuses else part[path.snapshot, 0]
+                part[path.snapshot, 0] = np.where(path.exists, along, instead)
+        return vector
 
     def range_m(self, *point: FloatArray) -> FloatArray:
         """Return the lengths (B, K) of the paths from points; unfolded where no path exists."""
@@ -152,17 +158,18 @@ class SphereLines(SpaceLines):
         self.spheres.place_in(range_m, np.where(np.isfinite(along), along, self.spheres.pick_from(range_m)))
         return range_m
 
-    def row_bending(self, k: int, seen: Vector, azimuth: FloatArray, rise: FloatArray) -> SymmetricMatrix:
-        """Return the second derivatives of `SpaceLines`, 0 of rows by spheres: they are not computed."""
-        bend = super().row_bending(k, seen, azimuth, rise)
-        snapshot = self.spheres.snapshot[self.spheres.span(k)]
+    def bending_at(self, at: slice, seen: Seen, azimuth: FloatArray, rise: FloatArray) -> SymmetricMatrix:
+        """Return the sums (B, 1) of `SpaceLines` of one row, 0 where it is by a sphere: they are not computed."""
+        bend = super().bending_at(at, seen, azimuth, rise)
+        snapshot = self.spheres.snapshot[self.spheres.span(at.start)]
         for part in bend:
             part[snapshot] = 0.0
         return bend
 
-    def bending(self, *at: Any) -> SymmetricMatrix:
-        """Return NaN: without second derivatives along paths by spheres no matrix counts as exact."""
-        return SymmetricMatrix.full(at[0].shape, np.nan, self.unknowns)
+    def expanded(self, *point: FloatArray) -> Iterator[Expansion]:
+        """Yield the expansions of `SpaceLines` with NaN for second derivatives: no matrix counts as exact."""
+        for half, gradient, gauss, _ in super().expanded(*point):
+            yield half, gradient, gauss, gauss.map(lambda part: np.full(part.shape, np.nan))
 
     def unseen(self, *point: FloatArray, paths: SpherePath | None = None) -> BoolArray:
         """Return to which rows (B, K) a point cannot be visible in the scene: regions A2 and A3 of spheres too."""

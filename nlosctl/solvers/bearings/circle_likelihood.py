@@ -15,7 +15,7 @@ from nlosctl.models.circle_rows import CircleRows
 from nlosctl.models.sight import Sight
 from nlosctl.models.space.sphere_lines import SphereLines
 from nlosctl.solvers.bearings.likelihood import BearingProblem
-from nlosctl.solvers.optimization.problem import Evaluation, LeastSquaresProblem, LinearizedRows
+from nlosctl.solvers.optimization.problem import Evaluation, ExpandedRows, LeastSquaresProblem
 
 __all__ = ["BearingLikelihood", "MixedBearingProblem", "bearing_problem"]
 
@@ -121,7 +121,7 @@ def bearing_problem(lines: Sight) -> BearingLikelihood:
     if isinstance(lines, SphereLines):
         return LeastSquaresProblem(replace(lines, refuses=True))
     if not isinstance(lines, SightLines):
-        return LeastSquaresProblem(cast(LinearizedRows, lines))
+        return LeastSquaresProblem(cast(ExpandedRows, lines))
     if lines.circles is None:
         return BearingProblem.of_lines(lines)
     return MixedBearingProblem.of_lines(lines, lines.circles)

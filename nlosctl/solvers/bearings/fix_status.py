@@ -11,7 +11,7 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignorin
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.results import Estimates, Flags, Solution, has_position
 from nlosctl.contract.statuses import Status
-from nlosctl.geometry.blocks import rows_of, sum_measurements
+from nlosctl.geometry.blocks import rows_of, sum_measurements, sum_products
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.sight import RayResiduals, Sight
 from nlosctl.solvers.bearings.line_fits import (
@@ -48,9 +48,15 @@ _DECISIVE = 20.0
 
 
 def nearly_singular(normal: SymmetricMatrix) -> BoolArray:
-    """Return which normal matrices U^T U (B,) are of lines that are nearly parallel: cond(U) over the limit."""
-    smaller, larger = normal.eigenvalues()
-    return ~(smaller * CONDITION_LIMIT**2 > larger)
+    """Return which normal matrices U^T U are of lines that are nearly parallel: cond(U) over the limit."""
+    others = normal.dimension - 1
+    with ignoring_overflow():  # the determinant is at most that of equal eigenvalues other than the smallest
+        surely = normal.determinant * (others**others * CONDITION_LIMIT**2) > normal.trace**normal.dimension
+    singular: BoolArray = ~surely
+    rows = np.nonzero(singular)
+    smaller, larger = normal.at(*rows).eigenvalues()
+    singular[rows] = ~(smaller * CONDITION_LIMIT**2 > larger)
+    return singular
 
 
 def _least_range_m(lines: Sight, farthest_m: FloatArray) -> FloatArray:
@@ -213,7 +219,7 @@ def _gauss_newton_gain(lines: Sight, point: Point, paths: Any) -> FloatArray:
     with ignoring_overflow():
         slopes = lines.slopes(*point, paths=paths)
         scaled = lines.residual(*point, paths=paths) / lines.std
-        gradient = tuple(sum_measurements(slope * scaled) for slope in slopes)
+        gradient = tuple(sum_products(slope, scaled) for slope in slopes)
         step = SymmetricMatrix.gram(*slopes).solve(*gradient)
         gain = sum(part * slope for part, slope in zip(step, gradient, strict=True))
     return np.asarray(gain)

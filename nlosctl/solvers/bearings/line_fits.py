@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray, ignoring_division, ignoring_overflow
-from nlosctl.geometry.blocks import RowBlock, gather_rows, sum_measurements
+from nlosctl.geometry.blocks import RowBlock, add_measurements, column_blocks, gather_rows
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.sight import Sight
 from nlosctl.models.space.sphere_lines import SphereLines
@@ -21,7 +21,7 @@ __all__ = [
     "LineFit",
     "fit_focused",
     "fit_least_squares",
-    "fit_stansfield",
+    "fit_weighted",
     "inflate_near_sensors",
     "inflated_sandwich",
     "sandwich_covariance",
@@ -61,15 +61,7 @@ def fit_least_squares(lines: Sight) -> LineFit:
 
     The point is not finite where the lines are exactly parallel.
     """
-    return _solve(lines.normals(), lines)
-
-
-def fit_stansfield(lines: Sight, first: LineFit) -> LineFit:
-    """Return Stansfield's fix: lines weighted by 1 / (std range)^2, the ranges taken at ``first``; equation (15).
-
-    In space 1 / (std width)^2 with the width of each ray tube. The point is not finite where ``first`` is not.
-    """
-    return _solve_weighted(lines.stansfield_width_m(*first.point), lines)
+    return fit_weighted(lines, None)
 
 
 def fit_focused(lines: Sight, first: LineFit) -> LineFit:
@@ -78,7 +70,25 @@ def fit_focused(lines: Sight, first: LineFit) -> LineFit:
     The same as Stansfield's where no row is seen on a circle. The point is not finite where ``first`` is not, or lies
     on a focus.
     """
-    return _solve_weighted(lines.tube_width_m(*first.point), lines)
+    return fit_weighted(lines, lines.tube_width_m(*first.point))
+
+
+def fit_weighted(lines: Sight, width_m: FloatArray | None) -> LineFit:
+    """Return the fix of lines weighted by 1 / (std ``width_m``)^2, equation (15); equally if the widths are None.
+
+    For Stansfield's fix the widths (B, M) are the ranges at the least-squares fix, in space the widths of the ray
+    tubes. The point is not finite where a width is not.
+    """
+    size, unknowns = lines.std.shape[0], lines.unknowns
+    normal, pull = SymmetricMatrix.full(size, 0.0, unknowns), [np.zeros(size) for _ in range(unknowns)]
+    with ignoring_division():
+        for at in column_blocks(lines.std.shape):
+            weight = None if width_m is None else 1.0 / (lines.std[:, at] * width_m[:, at])
+            normals, offset = lines.planes(at, weight)
+            normal.add_gram(*normals[:unknowns])
+            for total, part in zip(pull, normals, strict=False):
+                add_measurements(total, part * offset)
+    return LineFit(normal.solve(*pull), normal)
 
 
 def with_independent_errors(lines: Sight, first: LineFit) -> Sight:
@@ -98,14 +108,17 @@ def sandwich_covariance(
     weights are 1 (least squares), or 1 / (std ``weighed_m``)^2 with the ranges or spreads (B, K) taken at a first fix
     (Stansfield). With ``extra_m2`` (B,) the squared spreads at the fit are that much larger.
     """
-    spread = lines.tube_width_m(*fit.point)
-    if extra_m2 is not None:
-        spread = np.sqrt(spread * spread + extra_m2[:, None])
-    spread = lines.std * spread
+    width_m = lines.tube_width_m(*fit.point)
+    middle = SymmetricMatrix.full(fit.point[0].shape, 0.0, lines.unknowns)
     with ignoring_overflow():
-        if weighed_m is not None:
-            spread /= (lines.std * weighed_m) ** 2
-        middle = SymmetricMatrix.gram(*(spread * part for part in lines.normals()[: lines.unknowns]))
+        for at in column_blocks(width_m.shape):
+            std, spread = lines.std[:, at], width_m[:, at]
+            if extra_m2 is not None:
+                spread = np.sqrt(spread * spread + extra_m2[:, None])
+            spread = std * spread
+            if weighed_m is not None:
+                spread /= (std * weighed_m[:, at]) ** 2
+            middle.add_gram(*(spread * part for part in lines.normals(at)[: lines.unknowns]))
     return fit.normal.inverse().congruence(middle)
 
 
@@ -129,26 +142,16 @@ def inflate_near_sensors(
     the covariance, in two passes. Other rows keep their bits.
     """
     with ignoring_overflow():
-        larger = covariance.eigenvalues()[1]
-        near = np.flatnonzero((nearest_m * nearest_m < _NEAR * _NEAR * larger) & np.isfinite(larger))
+        squared_m2 = nearest_m * nearest_m
+        near = np.flatnonzero(squared_m2 < _NEAR * _NEAR * covariance.trace)  # the larger eigenvalue is less
+        larger = covariance.take(near).eigenvalues()[1]
+        is_near = (squared_m2[near] < _NEAR * _NEAR * larger) & np.isfinite(larger)
+        near, larger = near[is_near], larger[is_near]
         if not near.size:
             return covariance
-        larger = larger[near]
         for _ in range(_ROUNDS):
             wider = inflated(near, larger)
             larger = wider.eigenvalues()[1]
     result = covariance.map(np.copy)
     result.put(near, wider)
     return result
-
-
-def _solve_weighted(tube_width_m: FloatArray, lines: Sight) -> LineFit:
-    with ignoring_division():
-        weight = 1.0 / (lines.std * tube_width_m)
-        return _solve(tuple(weight * part for part in lines.normals()), lines)
-
-
-def _solve(normals: tuple[FloatArray, ...], lines: Sight) -> LineFit:
-    offset, normals = lines.offsets(normals), normals[: lines.unknowns]
-    normal = SymmetricMatrix.gram(*normals)
-    return LineFit(normal.solve(*(sum_measurements(part * offset) for part in normals)), normal)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ScalarT, ignoring_division, ignoring_invalid
+from nlosctl.geometry.blocks import rows_in_order
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.sight import Sight
@@ -104,7 +105,7 @@ def _optima_in_space(lines: Sight, starts: Sequence[tuple[FloatArray, ...]], max
 
     return Optima(
         snapshot[order],
-        lines.take(snapshot[order]),
+        rows_in_order(lines, snapshot[order], single.shape[0]),
         tuple(joined(*pair) for pair in zip(minimum.point, many.point, strict=True)),
         joined(minimum.converged, many.converged),
         joined(no_rival, many.rival_cost),

@@ -8,7 +8,7 @@ from nlosctl.arrays import FloatArray, IntArray, StatusArray, ignoring_invalid
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.results import Estimates, Solution, has_position
 from nlosctl.contract.statuses import Status
-from nlosctl.geometry.blocks import rows_of
+from nlosctl.geometry.blocks import rows_in_order, rows_of
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.bearings.fix_status import bearing_flags, judge_optima
 from nlosctl.solvers.bearings.multistart import Optima
@@ -46,7 +46,7 @@ def finish_alternatives(
     status, covariance, cost = verdict.status, verdict.covariance, verdict.cost
     rows, alternative = _rank(snapshot, status, cost)
     status, cost, snapshot = status[rows], cost[rows], snapshot[rows]
-    point, lines = rows_of(optima.point, rows), optima.lines.take(rows)
+    point, lines = rows_in_order((optima.point, optima.lines), rows, optima.converged.shape[0])
     degrees, nats, rival_nats = lines.scalars() - len(point), cost, optima.rival_cost[rows]
     if batch.std == "unknown":
         nats, rival_nats = marginal_cost(cost, degrees), marginal_cost(rival_nats, degrees)

@@ -26,8 +26,7 @@ def cross_in_space(lines: SpaceLines, first: IntArray, second: IntArray) -> Cand
     vertical half-plane their intersection; two half-planes a point only with a measured height. Not valid where the
     lines are parallel, or where the point is behind a sensor. ``first`` and ``second`` are (P,) or (B, P).
     """
-    normals = lines.normals()
-    offsets = lines.offsets(normals)
+    normals, offsets = lines.planes(slice(None), None)
     pair = [_Row(lines, normals, offsets, index) for index in (first, second)]
     with ignoring_overflow():
         point = _meet(lines, pair, None)

@@ -10,9 +10,8 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_overflow
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.regions import Ball
-from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.space.lines import SpaceLines
-from nlosctl.models.space.measured_angles import Vector
+from nlosctl.models.space.measured_angles import Seen, Vector
 from nlosctl.models.space.sphere_lines import SphereLines
 from nlosctl.solvers.optimization.problem import RowDerivatives
 
@@ -52,22 +51,19 @@ class DirectDirections(RowBlock):
 
         Squared angles are series in their squared sines, as in the plane.
         """
-        lines, angles, whole = self.lines, self.lines.angles, self.lines.whole(point)
-        vx, vy, vz = lines.seen(k, whole, lines.row_path(k, whole))
+        lines, angles, whole, at = self.lines, self.lines.angles, self.lines.whole(point), slice(k, k + 1)
+        vx, vy, vz, squared_level, level, squared = lines.seen(at, whole, lines.row_path(at, whole))
         az_cos, az_sin = angles.cos_azimuth[:, k, None], angles.sin_azimuth[:, k, None]
         el_cos, el_sin = angles.cos_elevation[:, k, None], angles.sin_elevation[:, k, None]
         has = angles.has_elevation[:, k, None] > 0.0
         precision = [0.5 / lines.std[:, i, None] ** 2 for i in (k, angles.rows + k)]
         along, across = az_cos * vx + az_sin * vy, az_cos * vy - az_sin * vx
-        squared_level = along * along + across * across
-        squared = squared_level + vz * vz
         if angles.in_tangent_plane:
             above = (el_cos * vz - el_sin * along) ** 2 / squared
             half = np.where(has, across * across / squared, _squared_angle(across * across / squared_level))
             along = np.where(has, el_cos * along + el_sin * vz, along)
             impossible = (along <= 0.0) | (squared < self.squared_minimum[:, None])
         else:
-            level = np.sqrt(squared_level)
             above = _squared_angle((el_cos * vz - el_sin * level) ** 2 / squared)
             half = _squared_angle(across * across / squared_level)
             impossible = (along <= 0.0) | (squared_level < self.squared_minimum[:, None])
@@ -85,42 +81,21 @@ class DirectDirections(RowBlock):
 
     def derivatives(self, k: int, *point: FloatArray) -> RowDerivatives:
         """Return half the chi-square of row ``k`` at points (B,), exact, and its derivatives; 0 where impossible."""
-        lines, angles = self.lines, self.lines.angles
-        whole = lines.whole(point)
-        path = lines.row_path(k, whole)
-        seen = lines.seen(k, whole, path)
-        half, gradient = np.zeros(seen[0].shape), [np.zeros(seen[0].shape) for _ in range(3)]
-        gauss = SymmetricMatrix.full(seen[0].shape, 0.0, 3)
+        lines, whole, at = self.lines, self.lines.whole(point), slice(k, k + 1)
+        path = lines.row_path(at, whole)
         with ignoring_overflow():
-            weights = [1.0 / lines.std[:, i] ** 2 for i in (k, angles.rows + k)]
-            weighed = []
-            for (residual, slopes), weight in zip(lines.compared(k, seen, None, path), weights, strict=True):
-                weighed.append(weight * residual)
-                half += 0.5 * weight * residual * residual
-                for total, slope in zip(gradient, slopes, strict=True):
-                    total += weight * residual * slope
-                gauss += SymmetricMatrix.outer(*slopes, weight=weight)
-            hessian = gauss + lines.row_bending(k, seen, *weighed)
-            if lines.measured_m is not None:
-                residual, slopes, bend = lines.range_terms(k, whole, path)
-                half += 0.5 * residual * residual
-                for total, slope in zip(gradient, slopes, strict=True):
-                    total += residual * slope
-                outer = SymmetricMatrix.outer(*slopes)
-                gauss += outer
-                hessian += outer
-                hessian.add_scaled(bend, residual)
-        impossible = self._impossible(k, seen, whole) | ~np.isfinite(hessian.trace)
+            half, gradient, gauss, bend = lines.expansion(at, whole, path)
+            hessian = gauss if bend is None else gauss + bend
+        impossible = self._impossible(k, lines.seen(at, whole, path), whole) | ~np.isfinite(hessian.trace[:, 0])
 
         def finite(part: FloatArray) -> FloatArray:
-            return np.where(impossible, 0.0, part)
+            return np.where(impossible, 0.0, part[:, 0])
 
-        size = 3 if lines.is_held else 6
         return RowDerivatives(
-            np.where(impossible, np.inf, half),
-            tuple(map(finite, gradient[: self.dimension])),
-            SymmetricMatrix(*map(finite, gauss.parts[:size])),
-            SymmetricMatrix(*map(finite, hessian.parts[:size])),
+            np.where(impossible, np.inf, half[:, 0]),
+            tuple(map(finite, gradient)),
+            gauss.map(finite),
+            hessian.map(finite),
         )
 
     def ridges(self, ball: Ball) -> FloatArray:
@@ -156,15 +131,15 @@ class DirectDirections(RowBlock):
         if self.lines.is_held:
             return ratio
         angles, whole = self.lines.angles, self.lines.whole(point)
-        seen = self.lines.seen(k, whole, self.lines.row_path(k, whole))
-        squared_level = seen[0] ** 2 + seen[1] ** 2
-        distance = np.sqrt(squared_level + seen[2] ** 2)
+        at = slice(k, k + 1)
+        seen = self.lines.seen(at, whole, self.lines.row_path(at, whole))
+        distance = np.sqrt(seen.squared)
         with ignoring_overflow():
             if angles.in_tangent_plane:
                 x, y, z = (part[:, k, None] for part in angles.directions())
                 stretch = (x * seen[0] + y * seen[1] + z * seen[2]) / distance
             else:
-                stretch = distance / np.sqrt(squared_level)
+                stretch = distance / seen.level
             density = np.where(angles.has_elevation[:, k, None] > 0.0, ratio * stretch, ratio)
             if self.lines.measured_m is not None:
                 power = 3 if self.lines.is_lognormal else 2
@@ -216,10 +191,13 @@ class DirectDirections(RowBlock):
     def at_zenith(self, *point: FloatArray) -> BoolArray:
         """Return to which rows (B, K) points (B,) are so nearly above or below that their azimuth is no Gaussian."""
         lines, whole = self.lines, self.lines.whole(point)
-        seen = (lines.seen(k, whole, lines.row_path(k, whole)) for k in range(lines.rows))
-        x, y, z = (np.stack(part, axis=1) for part in zip(*seen, strict=True))
+        zenith = np.zeros((point[0].shape[0], lines.rows), dtype=bool)
         with ignoring_overflow():
-            return lines.angles.at_zenith((x, y, z), lines.std[:, lines.rows : 2 * lines.rows])
+            for k in range(lines.rows):
+                at = slice(k, k + 1)
+                seen = lines.seen(at, whole, lines.row_path(at, whole))
+                zenith[:, at] = lines.angles.at_zenith(at, seen, lines.std[:, lines.rows + k, None])
+        return zenith
 
     def _middle_height(self, ball: Ball) -> FloatArray:
         """Return the heights (B, K) of the balls' centers over the sensors, along the sensors' own third axis."""
@@ -233,16 +211,18 @@ class DirectDirections(RowBlock):
         pairs = zip(ball.center, self.lines.origin, strict=False)
         return reduce(np.hypot, [middle[:, None] - origin for middle, origin in pairs]) + ball.radius[:, None]
 
-    def _impossible(self, k: int, seen: Vector, whole: Vector) -> BoolArray:
+    def _impossible(self, k: int, seen: Seen, whole: Vector) -> BoolArray:
         """Return which points (B,) row ``k`` can't be direct from."""
         angles = self.lines.angles
-        along = angles.cos_azimuth[:, k] * seen[0] + angles.sin_azimuth[:, k] * seen[1]
-        squared = seen[0] ** 2 + seen[1] ** 2
+        along, squared = (
+            angles.cos_azimuth[:, k] * seen.x[:, 0] + angles.sin_azimuth[:, k] * seen.y[:, 0],
+            seen.level_squared,
+        )
         if angles.in_tangent_plane:
-            squared = squared + seen[2] ** 2
-            ahead = angles.cos_elevation[:, k] * along + angles.sin_elevation[:, k] * seen[2]
+            squared = seen.squared
+            ahead = angles.cos_elevation[:, k] * along + angles.sin_elevation[:, k] * seen.z[:, 0]
             along = np.where(angles.has_elevation[:, k] > 0.0, ahead, along)
-        impossible: BoolArray = (along <= 0.0) | (squared < self.squared_minimum)
+        impossible: BoolArray = (along <= 0.0) | (squared[:, 0] < self.squared_minimum)
         mirrors = self.lines.mirrors
         return impossible if mirrors is None else impossible | mirrors.row_beyond(k, *whole)
 

@@ -11,9 +11,11 @@ from typing import NamedTuple, Protocol, Self
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_overflow
+from nlosctl.geometry.blocks import add_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.sight import Expansion
 
-__all__ = ["Evaluation", "LeastSquaresProblem", "LinearizedRows", "Problem", "RowDerivatives", "least_chi_square"]
+__all__ = ["Evaluation", "ExpandedRows", "LeastSquaresProblem", "Problem", "RowDerivatives", "least_chi_square"]
 
 _LEAST_SHARE = 0.1
 """Exact second derivatives are trusted if their determinant is at least this share of the substitute's."""
@@ -88,32 +90,24 @@ class Problem(Protocol):
         ...
 
 
-class LinearizedRows(Protocol):
-    """Scalars of B snapshots as residuals over their standard deviations."""
+class ExpandedRows(Protocol):
+    """Rows of B snapshots with Gaussian errors."""
 
     @property
-    def linearized(self) -> Callable[..., Iterator[tuple[FloatArray, tuple[FloatArray, ...]]]]:
-        """Yield the residual (B,) over its std and its D derivatives (B,), scalar by scalar, at points as D arrays."""
-        ...
-
-    @property
-    def bending(self) -> Callable[..., SymmetricMatrix]:
-        """Return the sum (B,) of residuals times their second derivatives, both over their stds, at points.
-
-        The last argument are the residuals that `linearized` yields there.
-        """
+    def expanded(self) -> Callable[..., Iterator[Expansion]]:
+        """Yield the expansions of some rows at a time, at points given as D arrays (B,)."""
         ...
 
     def take(self, rows: IntArray) -> Self:
-        """Return the scalars of some snapshots."""
+        """Return the rows of some snapshots."""
         ...
 
 
 @dataclass(frozen=True)
 class LeastSquaresProblem:
-    """Half the chi-square of scalars, for a state of D unknowns."""
+    """Half the chi-square of rows, for a state of D unknowns."""
 
-    rows: LinearizedRows
+    rows: ExpandedRows
 
     def take(self, rows: IntArray) -> LeastSquaresProblem:
         """Return the problems of some rows."""
@@ -122,18 +116,21 @@ class LeastSquaresProblem:
     def evaluate(self, *point: FloatArray) -> Evaluation:
         """Return cost, gradient and exact second derivatives, or Gauss-Newton's where those are not positive definite.
 
-        Scalar by scalar, so that temporaries stay in the caches.
+        Some rows at a time, so that temporaries stay in the caches.
         """
-        cost, gradient = np.zeros(point[0].shape), tuple(np.zeros(point[0].shape) for _ in point)
-        gauss, residuals = SymmetricMatrix.full(point[0].shape, 0.0, len(point)), []
+        shape, dimension = point[0].shape, len(point)
+        cost, gradient = np.zeros(shape), tuple(np.zeros(shape) for _ in point)
+        gauss, curvature = (SymmetricMatrix.full(shape, 0.0, dimension) for _ in range(2))
         with ignoring_overflow():
-            for residual, slopes in self.rows.linearized(*point):
-                residuals.append(residual)
-                cost += residual * residual
-                for total, slope in zip(gradient, slopes, strict=True):
-                    total += residual * slope
-                gauss += SymmetricMatrix.outer(*slopes)
-            return Evaluation.of_newton(0.5 * cost, gradient, gauss + self.rows.bending(*point, residuals), gauss)
+            for half, slopes, outer, bend in self.rows.expanded(*point):
+                add_measurements(cost, half)
+                for total, part in chain(
+                    zip(gradient, slopes, strict=True),
+                    zip(gauss, outer, strict=True),
+                    () if bend is None else zip(curvature, bend, strict=True),
+                ):
+                    add_measurements(total, part)
+            return Evaluation.of_newton(cost, gradient, gauss + curvature, gauss)
 
 
 @dataclass(frozen=True)
