@@ -167,3 +167,25 @@ def test_parts_without_residuals_are_noted(tmp_path: Path, localize: Localize) -
     report, summary = localize(tmp_path / "parts", "--resume", output="out/")
     assert "sensors" not in report
     assert "no mean residuals of sensors: a part of the results is of an earlier run, without --report" in summary
+
+
+@pytest.mark.parametrize("pairs", [[(2, 1), (2, 3), (2, 5)], [(1, 2), (3, 2), (5, 2)], [(1, 2), (2, 3), (5, 2)]])
+def test_pairs_count_for_both_their_sensors(localize: Localize, tmp_path: Path, pairs: list[tuple[int, int]]) -> None:
+    """The late sensor is named whether it is the sensor of its pairs, their reference, or both."""
+    draw, angle = np.random.default_rng(0), np.arange(8) * np.pi / 4.0
+    sensors = 500.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    rows = []
+    for snapshot, source in enumerate(draw.uniform(-250.0, 250.0, (100, 2))):
+        arrival = np.linalg.norm(sensors - source, axis=1) + 30.0 * (np.arange(8) == 2)
+        for own, other in (*pairs, (0, 4), (6, 4), (7, 4), (0, 6), (1, 7), (3, 5)):
+            row = {"snapshot": snapshot, "sensor": f"s{own}", "reference": f"s{other}", "arrival_std_m": 1.0}
+            row |= {"tdoa_m": arrival[own] - arrival[other] + draw.normal()}
+            for axis, letter in enumerate("xy"):
+                row |= {f"sensor_{letter}_m": sensors[own, axis], f"reference_{letter}_m": sensors[other, axis]}
+            rows.append(row)
+    pyarrow.parquet.write_table(pa.Table.from_pylist(rows), tmp_path / "rows.parquet")
+    report, summary = localize(tmp_path / "rows.parquet")
+    assert "the residuals of sensor 's2' are" in summary
+    means = {entry["name"]: entry["residual_mean_m"] for entry in report["sensors"]}
+    assert means["s2"] == max(means.values(), key=abs) > 10.0
+    assert {entry["name"]: entry["rows"] for entry in report["sensors"]}["s2"] == 300

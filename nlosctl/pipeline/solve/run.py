@@ -216,8 +216,8 @@ class MeasurementRun:
             return chunk
         layout = self._layouts["estimates"]
         by_sensor = self._counts_residuals or self._options.estimate_std == "sensor"
-        sensor = "sensor" if by_sensor and "sensor" in chunk.table.column_names else ""
-        names = {*layout.carried, layout.measurement_name, sensor} - {""}
+        sensors = {"sensor", "reference"} & set(chunk.table.column_names) if by_sensor else set()
+        names = {*layout.carried, layout.measurement_name, *sensors} - {""}
         return dataclasses.replace(chunk, table=chunk.table.select(sorted(names)))
 
     def _solve(self, chunk: Chunk) -> tuple[ChunkTables, dict[str, Any]]:

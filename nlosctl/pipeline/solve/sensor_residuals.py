@@ -16,6 +16,7 @@ import numpy as np
 from nlosctl.arrays import BoolArray
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.exact_sums import ExactSums
+from nlosctl.io.measurements.completion.references import FORM, Form
 from nlosctl.io.measurements.completion.sensor_keys import sensor_texts
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import ChunkEstimates
@@ -52,18 +53,23 @@ class _SensorMean:
 def add_residuals(sums: Residuals, chunk: Chunk, solution: ChunkSolution, method: int, kind: str) -> None:
     """Add the number, the sum and the sum of squares of the residuals of a chunk, by sensor.
 
-    The ``method`` is that with this index among the estimates and flags of the ``solution``.
+    The residual of a difference of a pair counts for its sensor, and with the other sign for its reference, as their
+    clocks enter it. The ``method`` is that with this index among the estimates and flags of the ``solution``.
     """
     assert solution.estimates is not None  # noqa: S101 - methods that localize make them
     flags = solution.flags[method]
     rows = _counted_rows(chunk, solution.estimates, method, kind) & flags.used
-    codes, names = sensor_texts(chunk)
+    by_sensor = [(rows, 1.0, *sensor_texts(chunk))]
+    if FORM in chunk.columns:
+        pairs = rows & (chunk.columns[FORM] == Form.OF_PAIRS)
+        by_sensor.append((pairs, -1.0, *sensor_texts(chunk, "reference")))
     for column in (name for name in _COLUMNS if name in flags.columns):
         residual = np.asarray(flags.columns[column], dtype=np.float64)
-        some = np.flatnonzero(rows & np.isfinite(residual))
-        own = residual[some]
-        values = np.stack([np.ones(own.size), own, own * own])
-        sums.setdefault(column, ExactSums()).add_groups(names, codes[some], values.T)
+        for counted, sign, codes, names in by_sensor:
+            some = np.flatnonzero(counted & np.isfinite(residual))
+            own = sign * residual[some]
+            values = np.stack([np.ones(own.size), own, own * own])
+            sums.setdefault(column, ExactSums()).add_groups(names, codes[some], values.T)
 
 
 def _counted_rows(chunk: Chunk, estimates: ChunkEstimates, method: int, kind: str) -> BoolArray:
