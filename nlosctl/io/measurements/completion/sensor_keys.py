@@ -14,11 +14,14 @@ from nlosctl.io.readers.base import plain
 __all__ = ["group_texts", "sensor_keys", "sensor_texts"]
 
 
-def sensor_texts(chunk: Chunk) -> tuple[IntArray, list[str]]:
-    """Return the code (N,) of each row's sensor, and the names that the codes number; one for a file of one station."""
-    if "sensor" not in chunk.table.column_names:
+def sensor_texts(chunk: Chunk, of: str = "sensor") -> tuple[IntArray, list[str]]:
+    """Return the code (N,) of each row's sensor, and the names that the codes number; one for a file of one station.
+
+    ``of`` is the column: that of the sensors, or of the references of differences.
+    """
+    if of not in chunk.table.column_names:
         return np.zeros(chunk.left_out.shape, dtype=np.int64), ["the station"]
-    return _texts(chunk, "sensor")
+    return _texts(chunk, of)
 
 
 def group_texts(chunk: Chunk, by: Sequence[str]) -> tuple[IntArray, list[tuple[str, ...]]]:
