@@ -12,6 +12,7 @@ from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.tables.arrivals import OFFSET
+from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.arrivals import ArrivalRows, arrival_rows
 from nlosctl.solvers.arrivals.closed_forms import initial_estimates
@@ -89,7 +90,7 @@ def _with_covariance(rows: ArrivalRows, fit: DifferenceFit, end: End) -> RangeOp
     for slope in slopes:
         pull = slope[:, :count] * change
         pull[every, fit.reference] = 0.0
-        pull[every, fit.reference] = -pull.sum(axis=1)
+        pull[every, fit.reference] = -sum_measurements(pull)
         pulls.append(pull * rows.std_m)
     with ignoring_division():
         hessian = SymmetricMatrix.gram(*slopes)

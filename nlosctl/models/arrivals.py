@@ -15,13 +15,21 @@ Independent differences of pairs of sensors i, j, each with a std s of its own, 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property, reduce
 from typing import NamedTuple
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division, ignoring_overflow
 from nlosctl.contract.batches import ArrivalBatch
-from nlosctl.geometry.blocks import RowBlock, max_measurements, side_by_side, sum_measurements
+from nlosctl.geometry.blocks import (
+    RowBlock,
+    column_blocks,
+    max_measurements,
+    side_by_side,
+    sum_measurements,
+    sum_products,
+)
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.measured_height import MeasuredHeight
 
@@ -104,31 +112,39 @@ class ArrivalRows(RowBlock):
 
     def distance_m(self, *point: FloatArray) -> FloatArray:
         """Return the distances (B, K) of points (B,) from the sensors, (B, 2 K) from sensors and references."""
-        squared = np.zeros(self.sensor[0].shape, order="F") if self.height is None else self.height * self.height
-        for part, own in zip(point, self.sensor, strict=True):
-            away = part[:, None] - own
-            away *= away
-            squared += away
-        return np.sqrt(squared)
+        distance = np.empty(self.sensor[0].shape, order="F")
+        for at in column_blocks(distance.shape):
+            away = [part[:, None] - own[:, at] for part, own in zip(point, self.sensor, strict=True)]
+            squared = reduce(np.add, [part * part for part in away])
+            if self.height is not None:
+                squared += self.height[:, at] * self.height[:, at]
+            np.sqrt(squared, out=distance[:, at])
+        return distance
 
     def residual_m(self, *point: FloatArray) -> FloatArray:
         """Return the arrivals minus distance and offset (B, K) at points (B,), or the differences minus theirs."""
-        excess = self.arrival_m - self._measured(self.distance_m(*point))
+        excess = self.arrival_m - self.measured(self.distance_m(*point))
         with ignoring_division():
-            return np.asarray(excess - self._common(excess)[:, None])
+            return np.asarray(excess - self.common(excess)[:, None])
 
     def compare(self, *point: FloatArray) -> Compared:
         """Return residuals and derivatives at points (B,); not finite on a sensor."""
         distance = self.distance_m(*point)
         inverse_std = 1.0 / self.std_m
         with ignoring_division():
-            along = tuple((part[:, None] - own) / distance for part, own in zip(point, self.sensor, strict=True))
-            excess = self.arrival_m - self._measured(distance)
-            offset = self._common(excess)
-            measured = tuple(map(self._measured, along))
-            pull = tuple(map(self._common, measured))
-            slopes = tuple((mean[:, None] - part) * inverse_std for part, mean in zip(measured, pull, strict=True))
-            return Compared((excess - offset[:, None]) * inverse_std, slopes, offset, pull, distance, along)
+            along = tuple(part[:, None] - own for part, own in zip(point, self.sensor, strict=True))
+            for part in along:
+                part /= distance
+            excess = self.arrival_m - self.measured(distance)
+            offset = self.common(excess)
+            excess -= offset[:, None]
+            excess *= inverse_std
+            measured = tuple(map(self.measured, along))
+            pull = tuple(map(self.common, measured))
+            slopes = tuple(mean[:, None] - part for part, mean in zip(measured, pull, strict=True))
+            for slope in slopes:
+                slope *= inverse_std
+            return Compared(excess, slopes, offset, pull, distance, along)
 
     def bending(self, at: Compared) -> FloatArray:
         """Return residuals over std and distance by sensor (B, K), or by sensor and reference (B, 2 K).
@@ -150,24 +166,30 @@ class ArrivalRows(RowBlock):
 
     def half_chi_squares(self, *point: FloatArray) -> FloatArray:
         """Return half the chi-square (B, P) at points (B, P), the measured height included."""
+        cost = np.empty(point[0].shape, order="F")
         with ignoring_overflow():
-            weight, count = 1.0 / (self.std_m * self.std_m), self.arrival_m.shape[1]
-            total = np.zeros(point[0].shape)
+            for at in column_blocks(cost.shape):
+                cost[:, at] = self._half_chi_squares(tuple(part[:, at] for part in point))
+        return cost
+
+    def _half_chi_squares(self, point: tuple[FloatArray, ...]) -> FloatArray:
+        count, total = self.arrival_m.shape[1], np.zeros(point[0].shape)
+        excess, mean = [], np.zeros(point[0].shape)
+        for k in range(count):
+            away = self._distances_m(k, point)
             if self.of_pairs:
-                for k in range(count):
-                    difference = self._distances_m(k, point) - self._distances_m(count + k, point)
-                    total += weight[:, k, None] * (self.arrival_m[:, k, None] - difference) ** 2
-            else:
-                excess, mean = [], np.zeros(point[0].shape)
-                for k in range(count):
-                    excess.append(self.arrival_m[:, k, None] - self._distances_m(k, point))
-                    mean += weight[:, k, None] * excess[k]
-                mean /= sum_measurements(weight)[:, None]
-                for k, part in enumerate(excess):
-                    total += weight[:, k, None] * (part - mean) ** 2
-            if self.level is not None:
-                total += self.level.scaled_residual(point[-1]) ** 2
-            total *= 0.5
+                away -= self._distances_m(count + k, point)
+            excess.append(self.arrival_m[:, k, None] - away)
+            if not self.of_pairs:
+                mean += self._share[:, k, None] * excess[k]
+        for k, part in enumerate(excess):
+            part -= mean
+            part /= self.std_m[:, k, None]
+            part *= part
+            total += part
+        if self.level is not None:
+            total += self.level.scaled_residual(point[-1]) ** 2
+        total *= 0.5
         return total
 
     def offset_columns(self, point: tuple[FloatArray, ...], covariance: SymmetricMatrix) -> dict[str, FloatArray]:
@@ -191,8 +213,18 @@ class ArrivalRows(RowBlock):
         columns |= dict(zip(names, cross, strict=False))
         return {name: np.full(part.shape, np.nan) for name, part in columns.items()} if self.of_pairs else columns
 
-    def contradictory(self) -> BoolArray:
-        """Return which snapshots (B,) have two arrivals farther apart than their sensors, by many stds."""
+    def contradictory(self, half_chi_square: FloatArray) -> BoolArray:
+        """Return which snapshots (B,) have two arrivals farther apart than their sensors, by many stds.
+
+        Only those are examined whose fix is as bad as that makes any fix.
+        """
+        found = np.zeros(self.origin_m.shape, dtype=bool)
+        bad = np.flatnonzero(~(half_chi_square < 0.49 * _MANY_STDS * _MANY_STDS))
+        found[bad] = self.take(bad).far_apart()
+        return found
+
+    def far_apart(self) -> BoolArray:
+        """Return that of all snapshots."""
         found = np.zeros(self.origin_m.shape, dtype=bool)
         count = self.arrival_m.shape[1]
         if self.of_pairs:
@@ -222,22 +254,29 @@ class ArrivalRows(RowBlock):
 
     def _distances_m(self, k: int, point: tuple[FloatArray, ...]) -> FloatArray:
         """Return the distances (B, P) of points (B, P) from one sensor or reference."""
-        squared = np.zeros(point[0].shape) if self.height is None else self.height[:, k, None] ** 2
-        for part, own in zip(point, self.sensor, strict=True):
-            squared = squared + (part - own[:, k, None]) ** 2
+        away = [part - own[:, k, None] for part, own in zip(point, self.sensor, strict=True)]
+        squared = reduce(np.add, [part * part for part in away])
+        if self.height is not None:
+            squared += self.height[:, k, None] ** 2
         return np.sqrt(squared)
 
-    def _measured(self, values: FloatArray) -> FloatArray:
+    def measured(self, values: FloatArray) -> FloatArray:
         """Return values by sensor (B, K), or by sensor and reference (B, 2 K) their differences (B, K)."""
         count = self.arrival_m.shape[1]
         return values[:, :count] - values[:, count:] if self.of_pairs else values
 
-    def _common(self, values: FloatArray) -> FloatArray:
+    def common(self, values: FloatArray) -> FloatArray:
         """Return what the offset takes off values (B, K): their weighted means (B,), 0 from independent differences."""
         if self.of_pairs:
             return np.zeros(values.shape[0])
+        return sum_products(self._share, values)
+
+    @cached_property
+    def _share(self) -> FloatArray:
+        """The weights (B, K) of means: they sum to 1."""
         weight = 1.0 / (self.std_m * self.std_m)
-        return np.asarray(sum_measurements(weight * values) / sum_measurements(weight))
+        weight /= sum_measurements(weight)[:, None]
+        return weight
 
 
 def arrival_rows(batch: ArrivalBatch) -> ArrivalRows:

@@ -23,6 +23,24 @@ def test_values_and_vectors_make_up_the_matrix(dimension: int) -> None:
     assert (np.diff(np.array(values), axis=0) <= 0.0).all()
 
 
+def test_nearly_equal_and_very_different_values_in_space() -> None:
+    """The matrix is made up to rounding of its size, and the vectors are orthonormal, however its values are spread."""
+    generator = np.random.default_rng(7)
+    axes = np.linalg.qr(generator.normal(size=(4000, 3, 3)))[0]
+    value = 10.0 ** generator.uniform(-9.0, 9.0, (4000, 3))
+    value[:1000, 1] = value[:1000, 0] * (1.0 + 1e-9)
+    value[1000:2000] = 1.0
+    axes[3000:] = np.eye(3)
+    dense = axes @ (value[:, :, None] * np.swapaxes(axes, 1, 2))
+    matrix = SymmetricMatrix(*(dense[:, i, j] for i in range(3) for j in range(i + 1)))
+    values, vectors = eigensystem(matrix)
+    found = np.stack([np.stack(vector, axis=-1) for vector in vectors], axis=-1)
+    again = found @ (np.stack(values, axis=-1)[:, :, None] * np.swapaxes(found, 1, 2))
+    assert (np.abs(again - dense).max(axis=(1, 2)) <= 1e-14 * value.max(axis=1)).all()
+    assert np.abs(np.swapaxes(found, 1, 2) @ found - np.eye(3)).max() < 1e-14
+    assert (np.diff(np.array(values), axis=0) <= 0.0).all()
+
+
 def test_a_matrix_that_is_not_finite_has_no_values() -> None:
     """NaN in one matrix of space gives NaN values there, and leaves the others as they are."""
     parts = np.tile(np.array([2.0, 0.0, 3.0, 0.0, 0.0, 4.0])[:, None], 2)

@@ -17,7 +17,7 @@ from functools import reduce
 import numpy as np
 
 from nlosctl.arrays import FloatArray, ignoring_overflow
-from nlosctl.geometry.blocks import sum_measurements
+from nlosctl.geometry.blocks import sum_measurements, sum_products
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.arrivals import ArrivalRows
 from nlosctl.solvers.ranges.squared_ranges import principal_axes
@@ -69,12 +69,13 @@ def _within(point: tuple[FloatArray, ...], size: FloatArray) -> tuple[FloatArray
 
 def _bancroft(sensor: Sequence[FloatArray], arrival: FloatArray, square: FloatArray, weight: FloatArray) -> Points:
     """Return the two points with q = |x|^2 - c^2; where no real q exists, twice that of the nearest."""
-    columns = [*(-2.0 * part for part in sensor), 2.0 * arrival]
-    right = square - _sum([part * part for part in sensor])
+    root = np.sqrt(weight)
+    columns = [*(-2.0 * root * part for part in sensor), 2.0 * root * arrival]
+    right = root * (square - _sum([part * part for part in sensor]))
     with ignoring_overflow():
-        normal = SymmetricMatrix.gram(*columns, weight=weight)
-        base = normal.solve(*(sum_measurements(weight * part * right) for part in columns))
-        lean = normal.solve(*(sum_measurements(weight * part) for part in columns))
+        normal = SymmetricMatrix.gram(*columns)
+        base = normal.solve(*(sum_products(part, right) for part in columns))
+        lean = normal.solve(*(sum_products(part, root) for part in columns))
         a = _minkowski(lean, lean)
         b = -2.0 * _minkowski(base, lean) - 1.0
         c = _minkowski(base, base)
@@ -92,11 +93,12 @@ def _beside_plane(
 ) -> Points:
     """Return the two points at either side of the plane (line) of the sensors, which need not be exactly in it."""
     flat = [_sum([part * along[:, None] for part, along in zip(sensor, axis, strict=True)]) for axis in axes[:-1]]
-    columns = [*(-2.0 * part for part in flat), 2.0 * arrival, np.ones(arrival.shape)]
-    right = square - _sum([part * part for part in sensor])
+    root = np.sqrt(weight)
+    columns = [*(-2.0 * root * part for part in flat), 2.0 * root * arrival, root]
+    right = root * (square - _sum([part * part for part in sensor]))
     with ignoring_overflow():
-        normal = SymmetricMatrix.gram(*columns, weight=weight)
-        *place, offset, q = normal.solve(*(sum_measurements(weight * part * right) for part in columns))
+        normal = SymmetricMatrix.gram(*columns)
+        *place, offset, q = normal.solve(*(sum_products(part, right) for part in columns))
         squared = q + offset * offset - _sum([part * part for part in place])
         aside = np.sqrt(np.maximum(squared, 0.0))
         return [
@@ -110,10 +112,11 @@ def _beside_plane(
 
 def _far_away(sensor: Sequence[FloatArray], arrival: FloatArray, weight: FloatArray) -> tuple[FloatArray, ...]:
     """Return points at a hundred array sizes in the direction from which a plane wave fits the arrivals best."""
-    middle = [part - sum_measurements(weight * part)[:, None] for part in sensor]
+    root = np.sqrt(weight)
+    middle = [root * (part - sum_products(weight, part)[:, None]) for part in sensor]
     with ignoring_overflow():
-        normal = SymmetricMatrix.gram(*middle, weight=weight)
-        slope = normal.solve(*(sum_measurements(weight * part * arrival) for part in middle))
+        normal = SymmetricMatrix.gram(*middle)
+        slope = normal.solve(*(sum_products(part, root * arrival) for part in middle))
         steepness = np.sqrt(_sum([part * part for part in slope]))
         return tuple(-_FAR * part / steepness for part in slope)
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import reduce
 from itertools import product
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, ignoring_invalid, ignoring_overflow
+from nlosctl.geometry.blocks import rows_of, sum_products
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.arrivals import ArrivalRows
 from nlosctl.solvers.arrivals.likelihood import AT_INFINITY, ArrivalProblem
@@ -16,6 +18,9 @@ from nlosctl.solvers.ranges.paired_estimates import RangeOptimum
 __all__ = ["distance_is_open", "without_open_distance"]
 
 _STEPS = 5
+
+_RIDGE = 1e-9
+"""Added to a normal matrix in units of its trace: sensors in a plane have no slope across it."""
 
 _LEAST_NATS = 12.5
 """A plane wave must be so much worse: the inverse distance is then five standard deviations from zero."""
@@ -34,6 +39,39 @@ def distance_is_open(rows: ArrivalRows, *point: FloatArray) -> BoolArray:
     the covariance of its position is not the size of its error. The plane wave is a point at `AT_INFINITY` array sizes
     in the direction of the fix, or of a coarse set if one is likelier, turned by Newton steps across it.
     """
+    is_open: BoolArray = np.logical_and.reduce([np.isfinite(part) for part in point])
+    for judge in (_may_be_open, _is_open):
+        some = np.flatnonzero(is_open)
+        if some.size:
+            is_open[some] = judge(rows.take(some), *rows_of(point, some))
+    return is_open
+
+
+def _may_be_open(rows: ArrivalRows, *point: FloatArray) -> BoolArray:
+    """Return for which fixes (B,) that is not ruled out by how well arrivals that rise linearly may fit.
+
+    Those of a point that is `AT_INFINITY` array sizes R away do so up to a^2 / 2R of a sensor a from the local origin.
+    """
+    inverse_std, count = 1.0 / rows.std_m, rows.std_m.shape[1]
+    columns = [rows.arrival_m, *map(rows.measured, rows.sensor)]
+    arrival, *sensor = (inverse_std * (part - rows.common(part)[:, None]) for part in columns)
+    bend = reduce(np.add, [part * part for part in rows.sensor])
+    if rows.height is not None:
+        bend += rows.height * rows.height
+    bend = inverse_std * (bend[:, :count] + bend[:, count:] if rows.of_pairs else bend)
+    with ignoring_overflow():
+        normal = SymmetricMatrix.gram(*sensor)
+        pull = [sum_products(part, arrival) for part in sensor]
+        explained = _dot(tuple(pull), normal.add_to_diagonal(_RIDGE * normal.trace).solve(*pull))
+        least = np.sqrt(np.maximum(sum_products(arrival, arrival) - explained, 0.0))
+        least -= np.sqrt(sum_products(bend, bend)) / (AT_INFINITY * rows.size_m())
+        least = np.maximum(least, 0.0)
+        fix = rows.half_chi_squares(*(part[:, None] for part in point))[:, 0]
+        surely_closed: BoolArray = 0.5 * least * least - fix > _LEAST_NATS
+    return ~surely_closed
+
+
+def _is_open(rows: ArrivalRows, *point: FloatArray) -> BoolArray:
     problem, far_m = ArrivalProblem.of_rows(rows), AT_INFINITY * rows.size_m()
     with ignoring_overflow():
         unit = _likeliest(problem, far_m, _normalized(point))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import FloatArray, ignoring_overflow
-from nlosctl.geometry.blocks import RowBlock, sum_measurements
+from nlosctl.geometry.blocks import RowBlock, sum_measurements, sum_products
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.arrivals import ArrivalRows
 from nlosctl.solvers.optimization.problem import Evaluation
@@ -49,8 +49,8 @@ class ArrivalProblem(RowBlock):
             bend = rows.bending(at)
             newton = simple + SymmetricMatrix.gram(*at.along, weight=bend)
             newton = newton.add_to_diagonal(-sum_measurements(bend))
-            cost = 0.5 * sum_measurements(at.residual * at.residual)
-            gradient = tuple(sum_measurements(slope * at.residual) for slope in at.slopes)
+            cost = 0.5 * sum_products(at.residual, at.residual)
+            gradient = tuple(sum_products(slope, at.residual) for slope in at.slopes)
             if rows.level is not None:
                 precision, scaled = rows.level.inverse_std, rows.level.scaled_residual(point[-1])
                 cost += 0.5 * scaled * scaled

@@ -23,6 +23,9 @@ _DISTINCT_STANDARD_DEVIATIONS = 1e-3
 _PATIENCE = 20
 """Refused steps after which a descent is given up."""
 
+_BLOCKS_AT_ONCE = 4
+"""So many further descents for each snapshot are made at a time: a few long ones take as many steps as all."""
+
 _NO_RIVAL = 1e3
 """A point this many nats worse than a good fit is the start of no other good one."""
 
@@ -130,37 +133,40 @@ def find_best_two(
     """Return the two best optima of ``problem``, a cost of the ``landscape``, the second NaN where there is only one.
 
     Descents start from all of ``points``, each D arrays (B,), the likeliest first. None is left out as near another:
-    the mirror images of a broad optimum are near each other. If ``problem`` is half the chi-square, and the best cost
-    is at most ``plausible`` (B,), points that are a thousand nats worse than that are no rivals. Descents that
+    the mirror images of a broad optimum are near each other. If ``problem`` is half the chi-square, and the first end
+    costs at most ``plausible`` (B,), points that are a thousand nats worse than that are no rivals. Descents that
     end farther than ``far_m`` (B,) from the local origin count as settled: their optimum is at infinity.
     """
     coordinates = [np.stack(parts) for parts in zip(*points, strict=True)]
     cost = landscape.half_chi_squares(*(part.T for part in coordinates)).T
-    order = np.argsort(np.where(np.isnan(cost), np.inf, cost), axis=0, kind="stable")
-    rows = np.arange(cost.shape[1])
-    optima = TwoBest(_descend(problem, rows, [part[order[0], rows] for part in coordinates], max_iterations, far_m))
-    for index in order[1:]:
-        best = optima.best
-        open_rows = np.isfinite(cost[index, np.arange(index.size)])
-        if plausible is not None:
-            with ignoring_invalid():
-                settled = best.converged & (best.cost <= plausible)
-                open_rows &= ~(settled & (cost[index, np.arange(index.size)] > best.cost + _NO_RIVAL))
-        rows = np.flatnonzero(open_rows)
-        if rows.size:
-            end = _descend(problem, rows, [part[index[rows], rows] for part in coordinates], max_iterations, far_m)
-            optima.note(rows, end, landscape.take(rows).information(*end.point))
+    order, every = np.argsort(np.where(np.isnan(cost), np.inf, cost), axis=0, kind="stable"), np.arange(cost.shape[1])
+    cost, coordinates = cost[order, every], [part[order, every] for part in coordinates]
+    first = _descend(problem, [part[0] for part in coordinates], max_iterations, far_m)
+    open_points = np.isfinite(cost)
+    open_points[0] = False
+    if plausible is not None:
+        with ignoring_invalid():
+            open_points &= ~(first.converged & (first.cost <= plausible) & (cost > first.cost + _NO_RIVAL))
+    optima = TwoBest(first)
+    rank, snapshot = np.nonzero(open_points)
+    step = _BLOCKS_AT_ONCE * max(1, every.size)
+    for begin in range(0, rank.size, step):
+        numbers, rows = rank[begin : begin + step], snapshot[begin : begin + step]
+        start = [part[numbers, rows] for part in coordinates]
+        end = _descend(problem.take(rows), start, max_iterations, None if far_m is None else far_m[rows])
+        information = landscape.take(rows).information(*end.point)
+        for number in range(1, cost.shape[0]):
+            some = np.flatnonzero(numbers == number)
+            optima.note(rows[some], end.take(some), information.take(some))
     return optima.best, optima.other
 
 
-def _descend(
-    problem: Problem, rows: IntArray, start: list[FloatArray], max_iterations: int, far_m: FloatArray | None
-) -> End:
-    minimum = minimize(problem.take(rows), *start, max_iterations=max_iterations, patience=_PATIENCE)
+def _descend(problem: Problem, start: list[FloatArray], max_iterations: int, far_m: FloatArray | None) -> End:
+    minimum = minimize(problem, *start, max_iterations=max_iterations, patience=_PATIENCE)
     converged = minimum.converged
     if far_m is not None:
         with ignoring_invalid():
-            converged = converged | (reduce(np.hypot, minimum.point) > far_m[rows])
+            converged = converged | (reduce(np.hypot, minimum.point) > far_m)
     return End(minimum.point, minimum.cost, converged & np.isfinite(minimum.cost))
 
 

@@ -9,7 +9,8 @@ from nlosctl.contract.batches import ArrivalBatch, RangeBatch
 from nlosctl.contract.results import Flags, Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
-from nlosctl.geometry.blocks import max_measurements, sum_measurements
+from nlosctl.geometry.blocks import max_measurements, rows_in_order, rows_of, sum_measurements
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.arrivals import ArrivalRows
 from nlosctl.models.ranges.circles import RangeCircles
 from nlosctl.models.ranges.spheres import RangeRows, RangeSpheres
@@ -63,16 +64,21 @@ def with_covariances(
     std of the ``rows`` include the ``factors`` of unknown ones, the costs do not.
     """
     if not isinstance(rows, RangeCircles):
-        one, two = (
-            RangeOptimum(end.point, rows.information(*end.point).inverse(), end.cost, end.converged)
-            for end in (best, other)
-        )
-        return one, two
+        return _with_inverse_information(rows, best), _with_inverse_information(rows, other)
     straight = np.flatnonzero(~rows.bent_snapshots())
     rival = _RIVAL if factors is None else _RIVAL * factors.squared[straight]
     with ignoring_invalid():
         rivals = straight[other.cost[straight] - best.cost[straight] <= rival]
     return _with_covariance(rows, best, straight), _with_covariance(rows, other, rivals)
+
+
+def _with_inverse_information(rows: Rows, end: End) -> RangeOptimum:
+    """Return optima (B,) with the inverse information there, NaN where there is no optimum."""
+    covariance = SymmetricMatrix.full(end.cost.shape, np.nan, len(end.point))
+    some = np.flatnonzero(np.isfinite(end.point[0]))
+    there, point = rows_in_order((rows, end.point), some, end.cost.size)
+    covariance.put(some, there.information(*point).inverse())
+    return RangeOptimum(end.point, covariance, end.cost, end.converged)
 
 
 def estimate_factors(
@@ -134,9 +140,14 @@ def finish_range_fix(
     best, rest = _pick(swap, other, one), _pick(swap, one, other)
     status, other_status = (_judge(rows, optimum, min_range_m) for optimum in (best, rest))
     residual = rows.residual_m(*best.point)
-    cost = _half_chi_square(rows, best.point, residual)
-    other_cost = _half_chi_square(rows, rest.point, rows.residual_m(*rest.point))
+    cost, other_cost = _half_chi_square(rows, best.point, residual), np.full(batch.size, np.nan)
+    exists = np.flatnonzero(np.isfinite(rest.point[0]))
+    there, point = rows_in_order((rows, rest.point), exists, batch.size)
+    other_cost[exists] = _half_chi_square(there, point, there.residual_m(*point))
     chi_squares, nats = (2.0 * cost, 2.0 * other_cost), (cost, other_cost)
+    if isinstance(rows, ArrivalRows):
+        contradictory = rows.contradictory(cost)
+        status[contradictory] = other_status[contradictory] = Status.DEGENERATE
     if factors is not None:
         cost, other_cost = cost * factors.squared, other_cost * factors.squared
         chi_squares = (np.full(batch.size, np.nan), np.full(batch.size, np.nan))
@@ -144,9 +155,6 @@ def finish_range_fix(
     elif not at_optimum:
         gains = (_gauss_newton_gain(rows, best.point), _gauss_newton_gain(rows, rest.point))
         chi_squares = (chi_squares[0] - gains[0], chi_squares[1] - gains[1])
-    if isinstance(rows, ArrivalRows):
-        contradictory = rows.contradictory()
-        status[contradictory] = other_status[contradictory] = Status.DEGENERATE
     too_few = rows.single_origin() | (degrees < 0)
     status[too_few] = other_status[too_few] = Status.TOO_FEW
     another = (status == Status.OK) & (other_status != Status.INFEASIBLE) & rest.converged
@@ -156,17 +164,19 @@ def finish_range_fix(
         ambiguous = another & (nats[1] - nats[0] <= ambiguous_within)
     status[ambiguous] = other_status[ambiguous] = Status.AMBIGUOUS
     if not isinstance(rows, RangeCircles):
-        merged = ambiguous & are_images(rows, best.point, rest.point)
-        status[merged] = Status.DEGENERATE
-        second &= ~merged
+        pairs = np.flatnonzero(ambiguous)
+        merged = pairs[are_images(rows.take(pairs), rows_of(best.point, pairs), rows_of(rest.point, pairs))]
+        status[merged], second[merged] = Status.DEGENERATE, False
     if factors is not None:
         factors.mark(status)
         factors.mark(other_status)
-    offsets: list[dict[str, FloatArray]] = [{}, {}]
+    others = np.flatnonzero(second)
+    columns: tuple[dict[str, FloatArray], dict[str, FloatArray]] = ({}, {})
     if isinstance(rows, ArrivalRows):
-        offsets = [rows.offset_columns(part.point, part.covariance) for part in (best, rest)]
+        apart, covariance = rows_of(rest.point, others), rest.covariance.take(others)
+        columns = rows.offset_columns(best.point, best.covariance), rows.take(others).offset_columns(apart, covariance)
     estimates = paired_estimates(
-        np.flatnonzero(second),
+        others,
         rows,
         (best, rest),
         (cost, other_cost),
@@ -175,7 +185,7 @@ def finish_range_fix(
         batch.measurements,
         np.broadcast_to(np.asarray(degrees, dtype=np.int64), batch.size),
         factors,
-        offsets,
+        columns,
     )
     flags = Flags.of_fixes(status, {"residual_m": residual}) if batch.want_flags else None
     return Solution(estimates=estimates, flags=flags)
@@ -221,6 +231,9 @@ def _judge(rows: Rows, optimum: RangeOptimum, min_range_m: float) -> StatusArray
 
     infeasible: the scene hides the fix from a row.
     """
+    status = np.full(optimum.cost.shape, Status.DEGENERATE, dtype=np.uint8)
+    exists = np.flatnonzero(np.isfinite(optimum.point[0]))
+    rows, optimum = rows_in_order((rows, optimum), exists, status.size)
     distance = rows.distance_m(*optimum.point)
     farthest, nearest = max_measurements(distance), -max_measurements(-distance)
     with ignoring_invalid():
@@ -232,11 +245,12 @@ def _judge(rows: Rows, optimum: RangeOptimum, min_range_m: float) -> StatusArray
         proper &= covariance.determinant > least
         uncertain = ~(proper & (covariance.trace <= farthest * farthest))
         on_sensor = nearest < np.maximum(min_range_m, _RELATIVE_MINIMUM_RANGE * farthest)
-    status = np.full(optimum.cost.shape, Status.OK, dtype=np.uint8)
+    there = np.full(exists.shape, Status.OK, dtype=np.uint8)
     if rows.restricted:
-        status[rows.unseen(*optimum.point).any(axis=1)] = Status.INFEASIBLE
-    status[~optimum.converged] = Status.NOT_CONVERGED
-    status[uncertain | on_sensor] = Status.DEGENERATE
+        there[rows.unseen(*optimum.point).any(axis=1)] = Status.INFEASIBLE
+    there[~optimum.converged] = Status.NOT_CONVERGED
+    there[uncertain | on_sensor] = Status.DEGENERATE
+    status[exists] = there
     return status
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray
 from nlosctl.contract.results import Estimates, has_covariance
+from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.optimization.unknown_std import StdFactors
 
@@ -17,7 +18,7 @@ __all__ = ["RangeOptimum", "paired_estimates"]
 
 
 @dataclass(frozen=True)
-class RangeOptimum:
+class RangeOptimum(RowBlock):
     """Points (B,) about the local origin, their covariance, what the search minimized there, and whether it settled."""
 
     point: tuple[FloatArray, ...]
@@ -54,7 +55,8 @@ def paired_estimates(
     """Return a row per snapshot (B,), and one more for each of the ``second`` snapshots.
 
     ``frame`` has the positions of the optima about the local origins; ``factors`` are those of unknown standard
-    deviations, ``columns`` further ones (B,) of the optima that have a covariance.
+    deviations, ``columns`` further ones of the optima that have a covariance: (B,) of the best, of the others those of
+    the ``second`` snapshots.
     """
     snapshots = np.arange(statuses[0].shape[0], dtype=np.int64)
     row = np.concatenate([snapshots, second])
@@ -69,7 +71,10 @@ def paired_estimates(
     status = np.concatenate([statuses[0], statuses[1][second]])[order]
     positions = zip(frame.absolute(*best.point), frame.absolute(*rest.point), strict=True)
     certain = has_covariance(status)
-    further = {name: np.where(certain, join(first, columns[1][name]), np.nan) for name, first in columns[0].items()}
+    further = {
+        name: np.where(certain, np.concatenate([first, columns[1][name]])[order], np.nan)
+        for name, first in columns[0].items()
+    }
     covariances = (frame.whole_covariance(optimum.covariance, *optimum.point) for optimum in optima)
     return Estimates.of(
         status,

@@ -20,6 +20,7 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, ignoring_division, ignoring_overflow
 from nlosctl.geometry.blocks import sum_measurements
+from nlosctl.geometry.eigensystems import eigensystem
 from nlosctl.geometry.symmetric import SymmetricMatrix
 
 __all__ = ["HeightPenalty", "SquaredRangeFit", "fit_squared_ranges", "principal_axes"]
@@ -119,14 +120,8 @@ def fit_squared_ranges(
 
 def principal_axes(moment: SymmetricMatrix) -> tuple[list[list[FloatArray]], list[FloatArray]]:
     """Return the unit axes of moments (B,) as coordinates, and the moments about them (>= 0), the largest first."""
-    if moment.dimension == 2:
-        smaller, larger = moment.eigenvalues()
-        angle = 0.5 * np.arctan2(2.0 * moment.xy, moment.xx - moment.yy)
-        cosine, sine = np.cos(angle), np.sin(angle)
-        return [[cosine, sine], [-sine, cosine]], [larger, np.maximum(smaller, 0.0)]
-    values, vectors = np.linalg.eigh(np.nan_to_num(moment.dense(), posinf=0.0, neginf=0.0))
-    order = range(moment.dimension - 1, -1, -1)
-    return [list(vectors[:, :, k].T) for k in order], [np.maximum(values[:, k], 0.0) for k in order]
+    (largest, *others), axes = eigensystem(moment)
+    return [list(axis) for axis in axes], [largest, *(np.maximum(value, 0.0) for value in others)]
 
 
 def _place(mean: list[FloatArray], axes: list[list[FloatArray]], along: list[FloatArray]) -> tuple[FloatArray, ...]:
