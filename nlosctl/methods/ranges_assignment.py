@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import pi, sqrt
+from typing import Any
 
 import numpy as np
 
@@ -87,11 +89,17 @@ def solve(batch: RangeBatch, options: AssignmentOptions) -> Solution:
 
     Candidates are range least-squares fits to the echoes nearest to them that pass a chi-square gate. No target is
     a possible answer; not_proven: ``max_nodes`` or the limit on candidates did not suffice for a proof. In space the
-    seeds are crossings of three spheres, scatterers are not looked for, and a measured height is not used.
+    seeds are crossings of three spheres, and scatterers are not looked for. A measured height is that of every target,
+    and one more scalar of its fit; with an exact one the ranges are slant ranges to the plane at that height.
     """
+    if batch.dimension == 3 and batch.height_held:
+        return _at_height(batch, options)
 
     def find(echoes: Echoes, gate: Gate) -> IdentifiedEchoes:
         area_m2 = float(gate.region.volume[0])
+        if echoes.level is not None:
+            (lower, upper), std_m = gate.region.bounds_m, 1.0 / echoes.level.inverse_std
+            area_m2 *= min(1.0, float(sqrt(2.0 * pi) * std_m[0] / (upper[2] - lower[2])[0]))
         hypotheses = Hypotheses(
             detection_probability=options.detection_probability,
             reward=options.target_reward,
@@ -110,13 +118,32 @@ def solve(batch: RangeBatch, options: AssignmentOptions) -> Solution:
     return identify(batch, options, find)
 
 
+def _at_height(batch: RangeBatch, options: AssignmentOptions) -> Solution:
+    """Return the targets of a batch in space whose heights are exactly known: those of slant ranges in the plane."""
+    assert batch.sensor_z_m is not None  # noqa: S101 - batches in space have heights
+    assert batch.target_z_m is not None  # noqa: S101 - the caller's case
+    level = np.asfortranarray(batch.sensor_z_m - batch.target_z_m[:, None])
+    nothing: dict[str, Any] = {"sensor_z_m": None, "target_z_m": None, "target_z_std_m": None}
+    solution = solve(replace(batch, dimension=2, sensor_height_m=level, **nothing), options)
+    estimates = solution.estimates
+    place, size = estimates.position_m, estimates.row.shape[0]
+    z = np.where(np.isnan(place[:, 0]), np.nan, batch.target_z_m[estimates.row])
+    flat = np.where(np.isnan(estimates.covariance_m2[:, :1]), np.nan, np.zeros((size, 3)))
+    whole = replace(
+        estimates,
+        position_m=np.column_stack([place, z]),
+        covariance_m2=np.concatenate([estimates.covariance_m2, flat], axis=1),
+    )
+    return replace(solution, estimates=whole)
+
+
 def _candidates(
     echoes: Echoes, gate: Gate, hypotheses: Hypotheses, options: AssignmentOptions
 ) -> tuple[Candidates, bool]:
     if options.min_sensors is None:
-        least = usual_sensors(echoes.sensors, options.detection_probability, 1 + hypotheses.dimension)
+        least = usual_sensors(echoes.sensors, options.detection_probability, echoes.least_sensors)
     else:
-        least = min(max(options.min_sensors, 1 + hypotheses.dimension), echoes.sensors)
+        least = min(max(options.min_sensors, echoes.least_sensors), echoes.sensors)
     if hypotheses.dimension == 3:
         seeds = cross_spheres(echoes, least, gate)
     else:

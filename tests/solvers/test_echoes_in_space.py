@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -102,3 +104,73 @@ def test_three_sensors_are_too_few_in_space():
     estimates = assignment.solve(batch, assignment.AssignmentOptions()).estimates
     assert estimates.status.tolist() == [Status.TOO_FEW, Status.TOO_FEW]
     assert estimates.position_m.shape == (2, 3)
+
+
+def at_one_height(batch, truth, std_m, seed=5):
+    """Return the batch of targets that are all at 10 m, with that height measured."""
+    height = 10.0 + std_m * np.random.default_rng(seed).standard_normal(batch.size)
+    return replace(batch, target_z_m=height, target_z_std_m=np.full(batch.size, std_m))
+
+
+def level_echoes(snapshots, targets, clutter, sensors, seed=11):
+    """Return a batch and its targets, all at a height of 10 m."""
+    generator = np.random.default_rng(seed)
+    truth = generator.uniform([5.0, 5.0, 10.0], [55.0, 45.0, 10.0], (snapshots, targets, 3))
+    count = len(sensors)
+    ranges = np.linalg.norm(truth[:, :, None] - sensors, axis=-1) + STD_M * generator.normal(
+        size=(snapshots, targets, count)
+    )
+    extra = generator.uniform(5.0, 80.0, (snapshots, clutter, count))
+    values = np.concatenate([ranges, extra], axis=1).reshape(snapshots, -1)
+    batch, _, _ = echo_batch(generator, snapshots, targets, clutter, sensors)
+    sensor = np.broadcast_to(np.tile(np.arange(count), targets + clutter), values.shape)
+    place = sensors[sensor]
+    moved = replace(
+        batch,
+        sensor=np.asfortranarray(sensor),
+        sensor_xy_m=np.asfortranarray(place[..., :2]),
+        sensor_z_m=np.asfortranarray(place[..., 2]),
+        range_m=np.asfortranarray(values),
+    )
+    return moved, truth
+
+
+@pytest.mark.parametrize("std_m", [0.0, 0.3])
+@pytest.mark.parametrize(("sensors", "clutter"), [(SENSORS, 2), (SENSORS[:4], 0)])
+def test_targets_have_their_measured_height(std_m, sensors, clutter):
+    """Two targets at a measured height are found among clutter, with true covariances and the height's own spread."""
+    batch, truth = level_echoes(25, 2, clutter, sensors)
+    solution = assignment.solve(at_one_height(batch, truth, std_m), assignment.AssignmentOptions())
+    estimates = solution.estimates
+    found = (estimates.alternative == 0) & (estimates.status == Status.OK)
+    assert found.sum() >= 0.9 * 50
+    errors = []
+    for row, position, packed in zip(
+        estimates.row[found], estimates.position_m[found], estimates.covariance_m2[found], strict=True
+    ):
+        error = position - truth[row][np.argmin(np.linalg.norm(truth[row] - position, axis=1))]
+        xx, xy, yy, xz, yz, zz = packed
+        matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        size = 3 if std_m else 2
+        errors.append(error[:size] @ np.linalg.solve(matrix[:size, :size], error[:size]))
+    assert np.mean(np.array(errors) < (7.815 if std_m else 5.991)) > 0.88
+    z, variance = estimates.position_m[found, 2], estimates.covariance_m2[found, 5]
+    if std_m:
+        assert variance.max() < std_m**2
+        assert np.sqrt(np.mean((z - 10.0) ** 2)) < std_m
+    else:
+        np.testing.assert_array_equal(z, 10.0)
+        np.testing.assert_array_equal(variance, 0.0)
+
+
+def test_a_height_takes_the_place_of_a_fourth_sensor():
+    """Three sensors and a height determine a target, three sensors alone are too few."""
+    batch, truth = level_echoes(20, 1, 0, SENSORS[:3])
+    alone = assignment.solve(batch, assignment.AssignmentOptions()).estimates
+    assert set(alone.status) == {Status.TOO_FEW}
+    options = assignment.AssignmentOptions(least_evidence=0.0)
+    with_height = assignment.solve(at_one_height(batch, truth, 0.3), options).estimates
+    found = (with_height.alternative == 0) & np.isin(with_height.status, [Status.OK, Status.AMBIGUOUS])
+    assert found.mean() > 0.5
+    away = with_height.position_m[found] - truth[with_height.row[found], 0]
+    assert np.median(np.linalg.norm(away, axis=1)) < 0.5

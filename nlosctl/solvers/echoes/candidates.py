@@ -118,7 +118,7 @@ def _settle(echoes: Echoes, point: Point, gates: Gates) -> tuple[IntArray, Point
 def _fit_in_blocks(echoes: Echoes, point: Point, echo: IntArray, gates: Gates, *, slack: float) -> Candidates:
     """Return the fits to echoes (C, N) from points (D arrays (C,)) that pass the gate."""
     parts = [
-        _gate(fit_candidates(echoes, tuple(axis[part] for axis in point), echo[part]), gates, slack=slack)
+        _gate(echoes, fit_candidates(echoes, tuple(axis[part] for axis in point), echo[part]), gates, slack=slack)
         for start in range(0, max(echo.shape[0], 1), _BLOCK)
         for part in [slice(start, start + _BLOCK)]
     ]
@@ -177,6 +177,8 @@ def fit_candidates(echoes: Echoes, point: Point, echo: IntArray) -> Candidates:
             part *= scale
     # Pairwise sums: a candidate is solved alone, so its bits depend on no block.
     information = SymmetricMatrix.outer(*away).map(lambda products: products.sum(axis=1))
+    if problem.level is not None:
+        information.diagonal[2][...] += problem.level.inverse_std**2
     candidates = Candidates(point, echo[settled], 2.0 * minimum.cost[settled], information)
     with ignoring_invalid():
         return candidates.take(np.flatnonzero(information.determinant > 0.0))
@@ -192,6 +194,7 @@ def _problem(echoes: Echoes, echo: IntArray) -> RangeProblem:
         np.asfortranarray(echoes.range_m[sensor, index]),
         np.asfortranarray(np.where(seen, 1.0 / echoes.std_m[sensor, index], 0.0)),
         np.asfortranarray(np.broadcast_to(echoes.height, echo.shape)) if echoes.height.any() else None,
+        level=None if echoes.level is None else echoes.level.take(np.zeros(echo.shape[0], dtype=np.int64)),
     )
 
 
@@ -248,9 +251,12 @@ def _choices(echoes: Echoes, candidates: Candidates, gates: Gates) -> BoolArray:
     return near
 
 
-def _gate(candidates: Candidates, gates: Gates, *, slack: float) -> Candidates:
-    """Return the candidates whose chi-square is at most ``slack`` times its limit; its degrees are sensors - D."""
-    degrees = (candidates.echo != _NOTHING).sum(axis=1) - len(candidates.point)
+def _gate(echoes: Echoes, candidates: Candidates, gates: Gates, *, slack: float) -> Candidates:
+    """Return the candidates whose chi-square is at most ``slack`` times its limit.
+
+    Its degrees of freedom are the sensors, and a measured height, less D.
+    """
+    degrees = (candidates.echo != _NOTHING).sum(axis=1) + 1 - echoes.least_sensors
     limit = 2.0 * gammainccinv(0.5 * np.maximum(degrees, 1), gates.false_alarm)
     return candidates.take(np.flatnonzero(candidates.chi_square <= slack * limit))
 

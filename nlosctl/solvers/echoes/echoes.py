@@ -10,6 +10,7 @@ import numpy.typing as npt
 from nlosctl.arrays import FloatArray, IntArray, Point, ScalarT
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.errors import DataError
+from nlosctl.models.measured_height import MeasuredHeight
 
 __all__ = ["Echoes", "read_echoes", "sensor_positions"]
 
@@ -21,7 +22,7 @@ class Echoes:
     ``radius``, ``range_m``, ``std_m`` and ``row`` have shape (N, M): ranges in the plane (0 where a slant range is
     shorter than the height; in space the ranges), ranges as measured, their std, and the index in the snapshot. They
     rise along a sensor; after its last echo they are NaN and -1. ``sensor`` (D arrays) and ``height`` are (N,); the
-    heights are 0 in space.
+    heights are 0 in space. ``level`` is a measured height of the targets in space (1,), None without.
     """
 
     center: tuple[float, ...]
@@ -31,6 +32,12 @@ class Echoes:
     range_m: FloatArray
     std_m: FloatArray
     row: IntArray
+    level: MeasuredHeight | None = None
+
+    @property
+    def least_sensors(self) -> int:
+        """The number of sensors that determine a target with one scalar to spare."""
+        return 1 + len(self.sensor) - (self.level is not None)
 
     @property
     def center_x(self) -> float:
@@ -101,6 +108,11 @@ def read_echoes(batch: RangeBatch, snapshot: int, max_echoes: int) -> Echoes:
         )
     radius = np.sqrt(np.maximum(range_m * range_m - height * height, 0.0))
     center = [part[order][first].mean() for part in place]
+    level = None
+    if batch.target_z_m is not None and batch.target_z_std_m is not None:
+        mine = slice(snapshot, snapshot + 1)
+        level = MeasuredHeight.of(batch.target_z_m[mine], batch.target_z_std_m[mine], np.array(center[-1:]))
+        level = level if level.known.all() else None
 
     def spread(values: npt.NDArray[ScalarT], empty: float) -> npt.NDArray[ScalarT]:
         table = np.full((first.shape[0], most), empty, dtype=values.dtype)
@@ -115,4 +127,5 @@ def read_echoes(batch: RangeBatch, snapshot: int, max_echoes: int) -> Echoes:
         range_m=spread(range_m, np.nan),
         std_m=spread(std, np.nan),
         row=spread(np.arange(order.shape[0]), -1),
+        level=level,
     )

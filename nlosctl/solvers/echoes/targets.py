@@ -66,7 +66,8 @@ def identify(
 ) -> Solution:
     """Return the targets that ``find`` finds in each snapshot, each located by range least squares.
 
-    A snapshot without a target, or of fewer than three sensors (four in space), has one estimate with that status. A
+    A snapshot without a target, or of fewer than three sensors (in space four, or three and a height), has one estimate
+    with that status. A
     row shared by several targets is flagged as that of the nearest. Targets of a set that is not proven to be the best
     are not_proven.
     """
@@ -76,7 +77,7 @@ def identify(
     region = _regions(batch, all_echoes)
     for snapshot, echoes in enumerate(all_echoes):
         gate = Gate(region.take(np.array([snapshot])), options.field_margin_m)
-        if echoes.sensors < 1 + batch.dimension:
+        if echoes.sensors < echoes.least_sensors:
             parts.append(_nothing(snapshot, Status.TOO_FEW, batch.dimension))
             continue
         identified = find(echoes, gate)
@@ -197,8 +198,8 @@ def _targets_batch(batch: RangeBatch, snapshot: IntArray, rows: IntArray) -> Ran
         reflector=None,
         sensor_height_m=np.asfortranarray(batch.sensor_height_m[index]),
         sensor_z_m=None if batch.sensor_z_m is None else np.asfortranarray(batch.sensor_z_m[index]),
-        target_z_m=None,
-        target_z_std_m=None,
+        target_z_m=None if batch.target_z_m is None else batch.target_z_m[snapshot],
+        target_z_std_m=None if batch.target_z_std_m is None else batch.target_z_std_m[snapshot],
     )
 
 
