@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, Literal
@@ -22,9 +22,10 @@ import numpy as np
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row
 from nlosctl.contract.options import option
-from nlosctl.errors import DataError
+from nlosctl.errors import DataError, UsageError
+from nlosctl.formats.fields import listed
 from nlosctl.formats.npz import numbers, read_npz
-from nlosctl.formats.traced_paths import LIGHT_M_S, PathOptions, TracedPaths, check_direct, rows_of_paths
+from nlosctl.formats.traced_paths import LIGHT_M_S, PathOptions, TracedPaths, check_direct, kept_arrays, rows_of_paths
 
 __all__ = ["FORMAT"]
 
@@ -43,14 +44,17 @@ class DeepMimoOptions(PathOptions):
 
 
 def _rows(file: ForeignFile, options: DeepMimoOptions) -> Iterator[Row | BadLine]:
-    pairs = _pairs(file)
+    keep = listed(options.keep)
+    if "rx_pos" in keep:  # of the same shape as a matrix of three paths
+        raise UsageError("importer 'deepmimo' keeps matrices with a value for each path, and 'rx_pos' is not one")
+    pairs = _pairs(file, keep)
     if not pairs:
         raise DataError(f"{file.name}: no matrices of DeepMIMO 4, such as delay_t001_tx000_r000.npz")
     transmitters = {tx: index for index, tx in enumerate(dict.fromkeys(tx for tx, _ in pairs))}
     first_rx: dict[str, int] = {}
     links = count = 0
     for (tx, rx), arrays in pairs.items():
-        paths = _paths(file, arrays)
+        paths = _paths(file, arrays, keep)
         if rx not in first_rx:
             first_rx[rx] = count
             count += paths.rx_m.shape[1]
@@ -60,14 +64,14 @@ def _rows(file: ForeignFile, options: DeepMimoOptions) -> Iterator[Row | BadLine
         yield from rows_of_paths(numbered, options.kind, options, "deepmimo")
 
 
-def _pairs(file: ForeignFile) -> dict[tuple[str, str], dict[str, Any]]:
+def _pairs(file: ForeignFile, keep: Sequence[str]) -> dict[tuple[str, str], dict[str, Any]]:
     """Return the matrices of each transmitter and set of receivers, in the order of their names."""
     if not file.more and _MATRIX.fullmatch(PurePath(file.name).stem) is None:
-        return {("", ""): read_npz(file, (*_NEEDED, *_OPTIONAL))}
+        return {("", ""): read_npz(file, (*_NEEDED, *_OPTIONAL, *keep))}
     pairs: dict[tuple[str, str], dict[str, Any]] = {}
     for part in (file, *file.more):
         matrix = _MATRIX.fullmatch(PurePath(part.name).stem)
-        if matrix is not None and matrix["name"] in (*_NEEDED, *_OPTIONAL):
+        if matrix is not None and matrix["name"] in (*_NEEDED, *_OPTIONAL, *keep):
             pairs.setdefault((matrix["tx"], matrix["rx"]), {})[matrix["name"]] = _matrix(part, matrix["name"])
     return dict(sorted(pairs.items()))
 
@@ -89,7 +93,7 @@ def _matrix(file: ForeignFile, name: str) -> Any:
     return found[name]
 
 
-def _paths(file: ForeignFile, arrays: dict[str, Any]) -> TracedPaths:
+def _paths(file: ForeignFile, arrays: dict[str, Any], keep: Sequence[str]) -> TracedPaths:
     """Return the checked matrices of one transmitter."""
     for name in _NEEDED:
         if name not in arrays:
@@ -116,6 +120,7 @@ def _paths(file: ForeignFile, arrays: dict[str, Any]) -> TracedPaths:
         first_m=_first(file, arrays, shape),
         elevation_r=_elevation(file, arrays, "aoa_el", shape),
         elevation_t=_elevation(file, arrays, "aod_el", shape),
+        kept={name: values[:, None, :] for name, values in kept_arrays(file, arrays, keep, shape).items()},
     )
 
 

@@ -8,7 +8,7 @@ needs ``vertices`` (depth, receivers, transmitters, paths, 3). Pickled objects a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -17,9 +17,10 @@ import numpy as np
 from nlosctl.contract.formats import BadLine, ForeignFile, ImporterSpec, Row
 from nlosctl.contract.options import option
 from nlosctl.errors import DataError
+from nlosctl.formats.fields import listed
 from nlosctl.formats.npz import numbers, read_npz
 from nlosctl.formats.sionna_table import arrays_of_table
-from nlosctl.formats.traced_paths import LIGHT_M_S, PathOptions, TracedPaths, check_direct, rows_of_paths
+from nlosctl.formats.traced_paths import LIGHT_M_S, PathOptions, TracedPaths, check_direct, kept_arrays, rows_of_paths
 
 __all__ = ["FORMAT"]
 
@@ -34,13 +35,13 @@ class SionnaOptions(PathOptions):
 
 
 def _rows(file: ForeignFile, options: SionnaOptions) -> Iterator[Row | BadLine]:
-    paths = _read(file)
+    paths = _read(file, listed(options.keep))
     check_direct(file, paths, "phi_r")
     yield from rows_of_paths(paths, options.kind, options, "sionna")
 
 
-def _read(file: ForeignFile) -> TracedPaths:
-    arrays = _arrays(file)
+def _read(file: ForeignFile, keep: Sequence[str]) -> TracedPaths:
+    arrays = _arrays(file, keep)
     for name in _NEEDED:
         if name not in arrays:
             raise DataError(
@@ -65,15 +66,24 @@ def _read(file: ForeignFile) -> TracedPaths:
             first_m = numbers(file, arrays, "vertices", (*kinds.shape, 3))[0]
     length_m = np.where(np.isfinite(tau) & (tau > 0.0), tau * LIGHT_M_S, np.nan)
     return TracedPaths(
-        length_m=length_m, phi_r=phi_r, phi_t=phi_t, rx_m=rx_m, tx_m=tx_m, bounces=bounces, first_m=first_m
+        length_m=length_m,
+        phi_r=phi_r,
+        phi_t=phi_t,
+        rx_m=rx_m,
+        tx_m=tx_m,
+        bounces=bounces,
+        first_m=first_m,
+        kept=kept_arrays(file, arrays, keep, shape),
     )
 
 
-def _arrays(file: ForeignFile) -> dict[str, Any]:
+def _arrays(file: ForeignFile, keep: Sequence[str]) -> dict[str, Any]:
     """Return the arrays of an NPZ file or a Parquet table; raise DataError for objects and excessive sizes."""
     head = file.stream.read(4)
     file.stream.seek(0)
-    return arrays_of_table(file) if head == b"PAR1" else read_npz(file, (*_NEEDED, "interactions", "vertices"))
+    if head == b"PAR1":
+        return arrays_of_table(file, keep)
+    return read_npz(file, (*_NEEDED, "interactions", "vertices", *keep))
 
 
 FORMAT = ImporterSpec(

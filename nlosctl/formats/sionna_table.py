@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,9 +22,12 @@ _MOST_CELLS = 1 << 27
 _MOST_INTERACTIONS = 1000
 
 
-def arrays_of_table(file: ForeignFile) -> dict[str, Any]:
-    """Return the arrays of the table's paths; raise DataError for a missing, empty or non-numeric column."""
-    columns = _columns(file)
+def arrays_of_table(file: ForeignFile, keep: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the arrays of the table's paths; raise DataError for a missing, empty or non-numeric column.
+
+    The columns to ``keep`` become arrays of objects, None where there is no path.
+    """
+    columns, kept = _columns(file, keep)
     rx, tx = (np.unique(columns[name], return_inverse=True)[1] for name in ("rx", "tx"))
     receivers, transmitters = int(rx.max()) + 1, int(tx.max()) + 1
     link = rx * transmitters + tx
@@ -65,10 +69,14 @@ def arrays_of_table(file: ForeignFile) -> dict[str, Any]:
             vertices = np.zeros((*arrays["interactions"].shape, 3))
             vertices[0, ..., 0], vertices[0, ..., 1] = filled("vertex_x", 0.0), filled("vertex_y", 0.0)
             arrays["vertices"] = vertices
+    for name, cells in kept.items():
+        arrays[name] = np.full(shape, None, dtype=object)
+        arrays[name][at] = cells
     return arrays
 
 
-def _columns(file: ForeignFile) -> dict[str, Any]:
+def _columns(file: ForeignFile, keep: Sequence[str]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the columns of the paths as arrays (N,), and those to keep as arrays of Python values."""
     try:
         table = pyarrow.parquet.read_table(file.stream)
         names = table.column_names
@@ -91,4 +99,10 @@ def _columns(file: ForeignFile) -> dict[str, Any]:
             columns[name] = cells.combine_chunks().to_numpy(zero_copy_only=False)
         except (pa.ArrowException, ValueError) as error:
             raise DataError(f"{file.name}, column {name!r}: can't be read: {error}") from error
-    return columns
+    kept = {}
+    for name in keep:
+        if name not in names:
+            raise DataError(f"{file.name}: no column {name!r}{did_you_mean(name, names)}. It has: {', '.join(names)}")
+        kept[name] = np.empty(table.num_rows, dtype=object)
+        kept[name][:] = table.column(name).to_pylist()
+    return columns, kept

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.formats import ForeignFile, Row
 from nlosctl.contract.options import option
-from nlosctl.errors import DataError, UsageError
+from nlosctl.errors import DataError, UsageError, did_you_mean
 
-__all__ = ["LIGHT_M_S", "PathOptions", "TracedPaths", "check_direct", "rows_of_paths"]
+__all__ = ["LIGHT_M_S", "PathOptions", "TracedPaths", "check_direct", "kept_arrays", "rows_of_paths"]
 
 LIGHT_M_S = 299_792_458.0
 _DIRECT_OFF_RAD = 0.02
@@ -34,6 +35,9 @@ class PathOptions:
     range_std_m: float | None = option(
         None, meaning="standard deviation of every length", unit="m", minimum=0.0, exclusive=True
     )
+    keep: str | None = option(
+        None, meaning="further arrays or columns with a value for each path to copy as text, separated by commas"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +47,8 @@ class TracedPaths:
     ``length_m`` (R, T, P) is NaN for no path, ``phi_r`` and ``phi_t`` (R, T, P) are the azimuths of arrival and
     departure in radians, ``rx_m`` (3, R) and ``tx_m`` (3, T) positions. ``bounces`` (R, T, P) counts the interactions
     and ``first_m`` (R, T, P, 3) is the first of them, None if unknown; so are the elevations ``elevation_r`` and
-    ``elevation_t`` (R, T, P) in radians. Receivers, transmitters and their links are numbered from ``first_rx``,
-    ``first_tx`` and ``first_link``.
+    ``elevation_t`` (R, T, P) in radians. ``kept`` are further arrays (R, T, P) by name. Receivers, transmitters and
+    their links are numbered from ``first_rx``, ``first_tx`` and ``first_link``.
     """
 
     length_m: FloatArray
@@ -56,9 +60,31 @@ class TracedPaths:
     first_m: FloatArray | None
     elevation_r: FloatArray | None = None
     elevation_t: FloatArray | None = None
+    kept: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
     first_rx: int = 0
     first_tx: int = 0
     first_link: int = 0
+
+    def kept_at(self, receiver: int, transmitter: int, path: int) -> dict[str, str | None]:
+        """Return the values of a path in the further arrays as text, None for NaN or none."""
+        return {name: _text(values[receiver, transmitter, path]) for name, values in self.kept.items()}
+
+
+def kept_arrays(
+    file: ForeignFile, arrays: Mapping[str, Any], names: Sequence[str], shape: tuple[int, ...]
+) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays to keep; raises DataError for one that is absent or has not a value for each path."""
+    for name in names:
+        if name not in arrays:
+            raise DataError(f"{file.name}: no array {name!r}{did_you_mean(name, arrays)}; got {', '.join(arrays)}")
+        found = arrays[name].shape
+        if found != shape:
+            raise DataError(f"{file.name}, array {name!r}: got shape {found}, expected a value for each path: {shape}")
+    return {name: arrays[name] for name in names}
+
+
+def _text(value: Any) -> str | None:
+    return None if value is None or value != value else str(value)
 
 
 def rows_of_paths(paths: TracedPaths, kind: str, options: PathOptions, importer: str) -> Iterator[Row]:
@@ -95,7 +121,7 @@ def _bearings(paths: TracedPaths, options: PathOptions) -> Iterator[Row]:
                 if paths.elevation_r is not None:
                     values["sensor_z_m"] = paths.rx_m[2, rx]
                     values["elevation_deg"] = math.degrees(paths.elevation_r[rx, tx, path])
-                yield Row(line=line, values=values)
+                yield Row(line=line, values=values, kept=paths.kept_at(rx, tx, path))
 
 
 def _triplets(paths: TracedPaths, options: PathOptions) -> Iterator[Row]:
@@ -129,7 +155,7 @@ def _triplets(paths: TracedPaths, options: PathOptions) -> Iterator[Row]:
                     values |= {"tx_z_m": paths.tx_m[2, tx], "rx_z_m": paths.rx_m[2, rx]}
                     values["dod_elevation_deg"] = math.degrees(paths.elevation_t[rx, tx, path])
                     values["doa_elevation_deg"] = math.degrees(paths.elevation_r[rx, tx, path])
-                yield Row(line=line, values=values)
+                yield Row(line=line, values=values, kept=paths.kept_at(rx, tx, path))
 
 
 def _target_truth(

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet
 import pytest
 from program import run_here
 
 import nlosctl
+from nlosctl.errors import DataError, UsageError
+from nlosctl.pipeline.convert.importer import Import
 
 BEARS = """Observer,Easting,Northing,Azimuth,Date,Time,AnimalID
 Ann,0,0,45,2024-06-10,08:00,F013
@@ -59,3 +63,42 @@ def test_other_importers_keep_columns(tmp_path: Path, importer: str, log: str, w
     if first == "time_s":
         taken = run_here(*words, "u.parquet", "-p", "keep=time_s", folder=tmp_path)
         assert (taken.returncode, b"is the name of a column of measurements" in taken.stderr) == (2, True)
+
+
+FORMATS = Path(__file__).parents[2] / "fixtures" / "formats"
+
+
+@pytest.mark.parametrize(
+    ("importer", "log", "array"),
+    [
+        ("sionna", "sionna_paths.npz", "tau"),
+        ("deepmimo", "deepmimo_paths.npz", "delay"),
+        ("deepmimo", "deepmimo_scenario", "delay"),
+    ],
+)
+def test_traced_paths_keep_arrays_with_a_value_for_each_path(importer: str, log: str, array: str) -> None:
+    """The kept array, as text, is that of the row's own path: the delays are those of the lengths."""
+    table = Import(importer, {"keep": array, "kind": "bearings"}).read(str(FORMATS / log)).table
+    delays = [float(text) for text in table[array].to_pylist()]
+    assert delays == pytest.approx([length / 299_792_458.0 for length in table["range_m"].to_pylist()], rel=1e-6)
+    with pytest.raises(DataError, match="no array 'tau_s'"):
+        Import(importer, {"keep": "tau_s"}).read(str(FORMATS / log))
+
+
+def test_a_kept_array_has_a_value_for_each_path() -> None:
+    """Arrays of receivers or of interactions are refused with their shape."""
+    with pytest.raises(DataError, match=r"array 'targets': got shape \(3, 3\), expected a value for each path"):
+        Import("sionna", {"keep": "targets"}).read(str(FORMATS / "sionna_paths.npz"))
+    with pytest.raises(UsageError, match="'rx_pos' is not one"):
+        Import("deepmimo", {"keep": "rx_pos"}).read(str(FORMATS / "deepmimo_paths.npz"))
+
+
+def test_rows_of_traced_paths_keep_columns(tmp_path: Path) -> None:
+    """A table of paths keeps columns of any type, row by row, where the order of the paths is another; null stays."""
+    paths = {"rx": [0, 0, 1], "tx": [0, 0, 0], "tau": [2e-7, 1e-7, 3e-7], "material": ["wall", None, "glass"]}
+    angles = {name: [0.0] * 3 for name in ("phi_r", "phi_t", "rx_x", "rx_y", "tx_x", "tx_y")}
+    pyarrow.parquet.write_table(pa.table({**paths, **angles}), tmp_path / "p.parquet")
+    table = Import("sionna", {"keep": "material"}).read(str(tmp_path / "p.parquet")).table
+    assert table["material"].to_pylist() == [None, "wall", "glass"]
+    with pytest.raises(DataError, match="no column 'matter'"):
+        Import("sionna", {"keep": "matter"}).read(str(tmp_path / "p.parquet"))

@@ -14,6 +14,7 @@ import pyarrow as pa
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from program import run_here
 from reading_support import read
 
 import nlosctl
@@ -397,3 +398,21 @@ def test_a_window_is_plotted(tmp_path: Path) -> None:
     plot = nlosctl.plot(save(rows, tmp_path / "in.csv"), window="1s", by="tag", snapshot="tag-t1/0")
     assert plot.view == "scene"
     assert not any("by" in note for note in plot.notes)
+
+
+def test_bounds_of_windows_have_their_time_and_tags(tmp_path: Path) -> None:
+    """The bound of each window has the mean time of its rows and the columns ``--by``, as its estimate does."""
+    lines = ["time_s,tag,sensor,sensor_x_m,sensor_y_m,range_m,range_std_m,truth_x_m,truth_y_m"]
+    for tag, start in (("a", 0.0), ("b", 3.0)):
+        for step, (x, y) in enumerate([(0, 0), (10, 0), (0, 10)]):
+            lines.append(f"{start + 0.1 * step:.1f},{tag},s{step},{x},{y},{math.hypot(3 - x, 4 - y)},0.1,3,4")
+    (tmp_path / "r.csv").write_text("\n".join(lines) + "\n")
+    words = ["r.csv", "--window", "1s", "--by", "tag", "-q", "-o"]
+    for command in ("bound", "localize"):
+        done = run_here(command, *words, f"{command}.parquet", folder=tmp_path)
+        assert done.returncode == 0, done.stderr
+    bound, fixes = (nlosctl.read(tmp_path / f"{name}.parquet") for name in ("bound", "localize"))
+    assert bound.column_names[-2:] == ["time_s", "tag"]
+    for name in ("snapshot", "time_s", "tag"):
+        assert bound[name].to_pylist() == fixes[name].to_pylist()
+    assert bound["time_s"].to_pylist() == pytest.approx([0.1, 3.1])

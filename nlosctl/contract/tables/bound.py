@@ -45,5 +45,6 @@ BOUND = Table(
         Column(
             name="n_used", type="integer", required=True, meaning="rows with a free path to the position in this scene"
         ),
+        Column(name="time_s", type="number", unit="s", nullable=True, meaning="mean time of the rows kept in a window"),
     ),
 )

@@ -18,8 +18,18 @@ from nlosctl.io.calibrations.calibration_file import entry_values
 from nlosctl.io.readers.base import plain_type
 from nlosctl.io.results.layouts import snapshot_field
 
-__all__ = ["bound_schema", "bound_table", "calibration_schema", "calibration_table", "measurement_table", "score_table"]
+__all__ = [
+    "MEAN_TIME",
+    "bound_schema",
+    "bound_table",
+    "calibration_schema",
+    "calibration_table",
+    "measurement_table",
+    "score_table",
+]
 
+MEAN_TIME = "time_s"
+"""The column of the mean time of a window's rows."""
 
 _LABELS = {column.name for column in SCORES.columns if column.type == "text"}
 
@@ -44,14 +54,23 @@ def measurement_table(
     return pa.table(arrays)
 
 
-def bound_schema(input_schema: Any | None, dimension: int = 2) -> Any:
-    """Return the Arrow schema of bounds in a dimension; without an input (a map) there is no ``snapshot``."""
-    columns = (column for column in BOUND.columns[1:] if column.required or dimension == 3)
+def bound_schema(input_schema: Any | None, dimension: int = 2, by: Sequence[str] | None = None) -> Any:
+    """Return the Arrow schema of bounds in a dimension; without an input (a map) there is no ``snapshot``.
+
+    Of snapshots that are windows of time it has ``time_s`` and the columns ``by``; None: they are not.
+    """
+    of_windows = {MEAN_TIME} if by is not None and input_schema is not None else set()
+    columns = (
+        column
+        for column in BOUND.columns[1:]
+        if column.required or (column.name in of_windows if column.name == MEAN_TIME else dimension == 3)
+    )
     fields = [pa.field(column.name, ARROW_TYPES[column.type]) for column in columns]
     if input_schema is None:
         return pa.schema(fields)
     swept = [field for field in input_schema if is_swept(field.name)]
     fields += [pa.field(field.name, plain_type(field.type)) for field in swept]
+    fields += [pa.field(name, plain_type(input_schema.field(name).type)) for name in by or ()]
     return pa.schema([pa.field("snapshot", snapshot_field(input_schema).type), *fields])
 
 
@@ -64,17 +83,17 @@ def bound_table(
 ) -> Any:
     """Return a table of bounds from arrays (B,) by column name; NaN becomes null. ``snapshot`` (B,) is an Arrow array.
 
-    ``first_row`` (B,) is the first row of each snapshot in the input's table ``rows``, the source of ``sweep_*``.
+    ``first_row`` (B,) is the first row of each snapshot in the input's table ``rows``, the source of all other columns.
     """
     columns = []
     for field in schema:
         if field.name == "snapshot":
             columns.append(snapshot.cast(field.type))
-        elif is_swept(field.name):
-            columns.append(rows.column(field.name).take(pa.array(first_row)).cast(field.type))
-        else:
+        elif field.name in arrays:
             values = arrays[field.name]
             columns.append(pa.array(values, field.type, from_pandas=values.dtype.kind == "f"))
+        else:
+            columns.append(rows.column(field.name).take(pa.array(first_row)).cast(field.type))
     return pa.table(columns, schema=schema)
 
 

@@ -21,7 +21,7 @@ from nlosctl.evaluation.bounds import Bounds, SpaceBounds, bounds_of
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.results.evaluation_arrays import boolean_codes
 from nlosctl.io.results.layouts import TRUTH_NAMES, truth_positions
-from nlosctl.io.results.tables import bound_schema, bound_table
+from nlosctl.io.results.tables import MEAN_TIME, bound_schema, bound_table
 from nlosctl.models.information import INFORMATION, Information
 from nlosctl.pipeline.solve.reference_rows import alike_blocks
 from nlosctl.pipeline.solve.reflected_ranges import refuse_circle_ranges, refuse_reflected_ranges
@@ -88,7 +88,8 @@ def parse_map(text: str) -> MapGrid:
 
 def result_schema(reader: MeasurementReader, grid: MapGrid | None) -> Any:
     """Return the Arrow schema of the bounds."""
-    return bound_schema(reader.table_schema if grid is None else None, reader.dimension)
+    by = None if reader.options.window is None else reader.options.by
+    return bound_schema(reader.table_schema if grid is None else None, reader.dimension, by)
 
 
 def bounds_at_truth(reader: MeasurementReader, options: SolveOptions) -> Iterator[Any]:
@@ -102,6 +103,8 @@ def bounds_at_truth(reader: MeasurementReader, options: SolveOptions) -> Iterato
     for chunk in reader.chunks():
         truth = _truth(chunk, reader.dimension)
         arrays = _no_bounds(truth)
+        if chunk.windows is not None:
+            arrays[MEAN_TIME] = chunk.windows.time_s
         chunk = _as_modelled(chunk, reader, options)
         kept = ~chunk.left_out & _may_be_direct(chunk)
         for snapshot, row in dense_blocks(chunk.offsets, kept, _POSITIONS_AT_ONCE):
