@@ -71,11 +71,17 @@ def test_every_figure_is_shown() -> None:
     assert {path.name for path in FIGURES.iterdir()} == {figure for name in pages() for figure in shown_on(name)}
 
 
-WITHOUT_PICTURE = {"anchors-on-a-ceiling", "arrays-in-space", "single-station"}
+WITHOUT_PICTURE = {
+    "an-aircraft-and-its-altitude",
+    "anchors-on-a-ceiling",
+    "arrays-in-space",
+    "microphones-around-a-meadow",
+    "single-station",
+}
 
 
-def test_there_are_seven_tutorials() -> None:
-    """Direction finding, indoor UWB, over the horizon and channel sounder, each with a picture; three in space."""
+def test_there_are_nine_tutorials() -> None:
+    """Four with a picture, three in space (ceiling, arrays, one station), two of arrival times (meadow, aircraft)."""
     names = [Path(name).stem for name in TUTORIALS]
     assert sorted({*names} - WITHOUT_PICTURE) == [
         "channel-sounder",
