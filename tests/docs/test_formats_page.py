@@ -29,6 +29,7 @@ MAPS = {
     "wide.geojson": (HALL, 12.0),
     "aircraft.geojson": (AIRCRAFT, 70.0),
     "sounds.geojson": (MEADOW, 20.0),
+    "differences.geojson": (HALL, 1.5),
     "tags.geojson": (HALL, 12.0),
     "anchors.geojson": (HALL, 12.0),
     "ranges.geojson": (HALL, 12.0),
