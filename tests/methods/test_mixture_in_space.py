@@ -333,3 +333,17 @@ def test_a_turned_frame_turns_the_answer(kind: str) -> None:
     shares = [np.asarray(flags.columns["los_probability"], dtype=np.float64) for flags in (one.flags, other.flags)]
     np.testing.assert_allclose(*shares, atol=1e-7)
     np.testing.assert_allclose(one.estimates.cost, other.estimates.cost, atol=1e-6)
+
+
+@pytest.mark.parametrize(("apart_m", "status"), [(1.0, Status.AMBIGUOUS), (150.0, Status.OK)])
+def test_sensors_at_one_place_agree_on_an_image_once(apart_m: float, status: Status) -> None:
+    """Three rows on an image and two on the source are ambiguous if two of the three have nearly the same place."""
+    source, image = np.array([30.0, 40.0, 60.0]), np.array([-120.0, 160.0, 40.0])
+    places = [[-400.0, 0.0, 10.0], [0.0, -400.0, 20.0], [200.0, 250.0, 5.0], [200.0, 250.0 + apart_m, 5.0]]
+    sensor = np.array([*places, [300.0, -200.0, 0.0]])
+    seen = np.stack([source, source, image, image, image]) - sensor
+    batch = space_batch(sensor[None], *(part[None] for part in angles_of(seen)), 0.02, 0.02)
+    solution = bearings_mixture_ml.solve(batch, MixtureOptions(mode_gap=4.0))
+    found, position, _ = best_of(solution)
+    assert found.tolist() == [status]
+    assert np.linalg.norm(position[0] - image) < 1.0

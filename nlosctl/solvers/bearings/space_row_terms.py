@@ -18,6 +18,10 @@ from nlosctl.solvers.optimization.problem import RowDerivatives
 __all__ = ["DirectDirections"]
 
 
+_ALIKE = 0.05
+"""Sensors nearer to each other than this share of their distance from a source see it, and its images, alike."""
+
+
 @dataclass(frozen=True)
 class DirectDirections(RowBlock):
     """Rows (B, K) of rays in space, direct, by plane mirrors or by spheres, with Gaussian errors of azimuth, elevation
@@ -198,6 +202,13 @@ class DirectDirections(RowBlock):
                 seen = lines.seen(at, whole, lines.row_path(at, whole))
                 zenith[:, at] = lines.angles.at_zenith(at, seen, lines.std[:, lines.rows + k, None])
         return zenith
+
+    def near_sensors(self, snapshot: IntArray, *point: FloatArray) -> BoolArray:
+        """Return which rows (b, K, K) of some snapshots have different sensors that see points (B,) alike."""
+        origin, range_m = [part[snapshot] for part in self.lines.origin], self.lines.range_m(*point)[snapshot]
+        apart = reduce(np.add, [(part[:, :, None] - part[:, None]) ** 2 for part in origin])
+        least = _ALIKE * np.minimum(range_m[:, :, None], range_m[:, None])
+        return np.asarray((apart > 0.0) & (apart < least * least))
 
     def _middle_height(self, ball: Ball) -> FloatArray:
         """Return the heights (B, K) of the balls' centers over the sensors, along the sensors' own third axis."""

@@ -14,19 +14,32 @@ from nlosctl.geometry.blocks import rows_of, sum_measurements
 from nlosctl.geometry.eigensystems import eigensystem
 from nlosctl.geometry.regions import Region
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.solvers.bearings.space_row_terms import DirectDirections
 from nlosctl.solvers.mixture.initial_estimates import Mode
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.mixture.ranked_estimates import Misfit, RankedFixes
 from nlosctl.solvers.optimization.problem import RowDerivatives
 
-__all__ = ["Rival", "bonus_of_agreement", "find_rival", "log_evidence", "loose_odds", "outlier_gain", "rival_mass"]
+__all__ = [
+    "Rival",
+    "bonus_of_agreement",
+    "find_rival",
+    "log_evidence",
+    "loose_odds",
+    "outlier_gain",
+    "rival_mass",
+    "shared_outliers_mass",
+]
 
 _BEYOND_EDGE = 2.0
 """A fix on the edge of the search region stays if the mode outside is at most this many nats more likely."""
 
 _FAR = 10.0
 """The source is far from a fix at so many standard deviations: a normalized squared error of 100."""
+
+_SHARED = 0.5
+"""The share of outliers of sensors near each other that are of one cause."""
 
 _CHANCE = 2
 """This many rows always agree on some point."""
@@ -114,6 +127,30 @@ def rival_mass(fixes: RankedFixes, region_volume: FloatArray, gain: FloatArray |
     for t in range(1, count):
         total += np.where(mass[:, t] > 0.0, mass[:, t], 0.0)
     return total
+
+
+def shared_outliers_mass(
+    mixture: Mixture, rows: DirectDirections, fixes: RankedFixes, region_volume: FloatArray
+) -> FloatArray:
+    """Return the `rival_mass` (B,) if rows of sensors near each other count once, times their share.
+
+    Two receivers a few steps apart see the image of a source in the same wall: their directions agree on it as well as
+    on the source. For each mode counts the row of them that speaks most for it.
+    """
+    several = np.flatnonzero(np.isfinite(fixes.cost[:, 1:]).any(axis=1))
+    near = rows.near_sensors(several, *fixes.best_point)
+    shared = np.asarray(near.any(axis=(1, 2)))
+    several, near, mass = several[shared], near[shared], np.zeros(region_volume.shape)
+    fixes = fixes.take(several)
+    cost = fixes.cost.copy()
+    number, index = np.nonzero(np.isfinite(cost))
+    share, _ = mixture.take(several[number]).responsibilities(*(axis[number, index] for axis in fixes.point))
+    gain = -np.log1p(-np.minimum(share, 1.0 - np.finfo(np.float64).eps))
+    order = np.arange(gain.shape[1])
+    above = (gain[:, None] > gain[:, :, None]) | ((gain[:, None] == gain[:, :, None]) & (order < order[:, None]))
+    cost[number, index] += sum_measurements(np.where((near[number] & above).any(axis=2), gain, 0.0))
+    mass[several] = _SHARED * rival_mass(replace(fixes, cost=cost), region_volume[several])
+    return mass
 
 
 def loose_odds(

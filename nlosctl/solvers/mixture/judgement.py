@@ -10,7 +10,14 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, StatusArray
 from nlosctl.contract.statuses import Status
 from nlosctl.solvers.bearings.space_row_terms import DirectDirections
-from nlosctl.solvers.mixture.consensus import find_rival, log_evidence, loose_odds, outlier_gain, rival_mass
+from nlosctl.solvers.mixture.consensus import (
+    find_rival,
+    log_evidence,
+    loose_odds,
+    outlier_gain,
+    rival_mass,
+    shared_outliers_mass,
+)
 from nlosctl.solvers.mixture.initial_estimates import Mode
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions
@@ -119,6 +126,8 @@ def _beside_likelihood(
         further[Status.NO_CONSENSUS] = evidence < options.least_evidence
     if distinct:
         elsewhere = rival_mass(fixes, volume)
+        if isinstance(model.direct, DirectDirections):
+            elsewhere += shared_outliers_mass(model.mixture, model.direct, fixes, volume)
         elsewhere += loose_odds(model.mixture, point, covariance, found.probability, used, volume)
         leaves_out = np.count_nonzero(used, axis=1) < used.shape[1]
         least = np.where(leaves_out, exp(-options.ambiguous_within), _ELSEWHERE_OF_ALL_ROWS)

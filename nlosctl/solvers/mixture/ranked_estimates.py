@@ -13,6 +13,7 @@ import numpy.typing as npt
 from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, StatusArray, ignoring_invalid, ignoring_overflow
 from nlosctl.contract.results import Estimates, Flags, has_covariance, has_position
 from nlosctl.contract.statuses import Status
+from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.modes import Modes
@@ -30,7 +31,7 @@ _ROUNDING = 1e-10
 
 
 @dataclass(frozen=True)
-class RankedFixes:
+class RankedFixes(RowBlock):
     """Up to T fixes (B, T) of each snapshot, the most likely first; ``cost`` is infinite for missing ones."""
 
     point: Point
@@ -46,7 +47,7 @@ class RankedFixes:
 
 
 @dataclass(frozen=True)
-class Misfit:
+class Misfit(RowBlock):
     """The chi-square (B, T) of the rows that each fix uses, and its degrees of freedom."""
 
     chi_square: FloatArray
