@@ -88,8 +88,8 @@ def localize(
     ``snapshot``, each ``sensor`` or the whole ``file``. ``ellipse`` (a probability) and ``add`` (such as nees) add
     columns. ``dimensions`` is 2 or 3, by default as on the command line; in three, ``target_z_m`` is a height of the
     targets, exact without ``target_z_std_m``. ``speed_m_s`` is the speed of arrival times: ``light`` by default,
-    ``sound`` or a number. ``sweep`` runs parameters through several values, recorded in columns ``sweep_KEY``;
-    ``parameters`` are those of the method.
+    ``sound`` or a number, ``speed_std_m_s`` its standard deviation. ``sweep`` runs parameters through several
+    values, recorded in columns ``sweep_KEY``; ``parameters`` are those of the method.
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """

@@ -45,7 +45,7 @@ def input_options(
     """Return the options of reading.
 
     Standard deviations are moved from ``keywords`` to the constants, in radians. ``dimensions``, ``speed_m_s``
-    (or its name) and the options of `row_options` are taken from them too.
+    (or its name), ``speed_std_m_s`` and the options of `row_options` are taken from them too.
     """
     given = dict(constants or {})
     scales = _scales()
@@ -63,6 +63,8 @@ def input_options(
     rest |= row_options(keywords)
     if "dimensions" in keywords:
         rest["dimensions"] = keywords.pop("dimensions")
+    if "speed_std_m_s" in keywords:
+        rest["speed_std_m_s"] = _number("speed_std_m_s", keywords.pop("speed_std_m_s"))
     if "speed_m_s" in keywords:
         rest["speed_m_s"] = parse_speed(str(keywords.pop("speed_m_s")))
     return InputOptions(columns=dict(columns or {}), constants=converted, scene=scene, **rest)

@@ -191,7 +191,8 @@ class ArrivalBatch(Batch):
     If the rows of each snapshot are independent differences, ``reference_xy_m`` (B, K, 2) are the positions of the
     sensors whose arrivals are subtracted, and ``reference_z_m`` (B, K) their heights in space; there is no offset then,
     ``arrival_std_m`` is of the difference, and ``origin_m`` is 0. None where all rows have one offset. Only methods
-    that read ``reference`` (see `MethodSpec.reads`) get such snapshots.
+    that read ``reference`` (see `MethodSpec.reads`) get such snapshots. ``speed_std`` (B,) is the standard deviation of
+    the speed of the wave, as a share of it, None if that is exactly known; only methods that read it get it.
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {
@@ -212,6 +213,7 @@ class ArrivalBatch(Batch):
     sensor_z_m: FloatArray | None = None
     reference_xy_m: FloatArray | None = None
     reference_z_m: FloatArray | None = None
+    speed_std: FloatArray | None = None
 
     @property
     def measurements(self) -> int:

@@ -13,9 +13,10 @@ from typing import Any
 from nlosctl.contract.tables.shared import LIGHT_M_S
 from nlosctl.errors import UsageError, did_you_mean
 
-__all__ = ["STD_FLAGS", "Flag", "option", "parse_speed", "std_in_metres", "with_flags"]
+__all__ = ["STD_FLAGS", "Flag", "check_speed", "option", "parse_speed", "std_in_metres", "with_flags"]
 
 
+_LARGEST_SHARE = 0.25
 _SPEEDS = {"light": LIGHT_M_S, "sound": 343.0}
 
 _STD_UNITS = {
@@ -72,6 +73,20 @@ def parse_speed(text: str) -> float:
     except ValueError:
         near = did_you_mean(text, _SPEEDS)
         raise UsageError(f"`speed_m_s` must be light, sound or a number in m/s. Got {text!r}{near}.") from None
+
+
+def check_speed(speed_m_s: float, std_m_s: float) -> None:
+    """Raise UsageError for a speed that can't be one, or a standard deviation of it."""
+    if not 0.0 < speed_m_s < math.inf:
+        raise UsageError(f"`speed_m_s` must be a finite number larger than 0. Got {speed_m_s:g} instead.")
+    if not 0.0 <= std_m_s < math.inf:
+        raise UsageError(f"`speed_std_m_s` must be a finite number of at least 0. Got {std_m_s:g} instead.")
+    if std_m_s > 0.0 and speed_m_s == LIGHT_M_S:
+        raise UsageError(f"`speed_std_m_s` needs the speed of the wave: set `speed_m_s`. Got {std_m_s:g} for light.")
+    if std_m_s > _LARGEST_SHARE * speed_m_s:
+        raise UsageError(
+            f"`speed_std_m_s` must be at most a quarter of the speed, {speed_m_s:g}. Got {std_m_s:g} instead."
+        )
 
 
 def std_in_metres(constants: Mapping[str, float], speed_m_s: float) -> Mapping[str, float]:

@@ -14,7 +14,7 @@ from functools import partial
 from typing import Any
 
 from nlosctl.contract.fields import Field, SensorsField, parse_field
-from nlosctl.contract.flags import STD_FLAGS, Flag, option, parse_speed, std_in_metres, with_flags
+from nlosctl.contract.flags import STD_FLAGS, Flag, check_speed, option, parse_speed, std_in_metres, with_flags
 from nlosctl.contract.limits import size
 from nlosctl.contract.scene import EarthFrame, Scene, parse_frame
 from nlosctl.contract.tables.shared import LIGHT_M_S
@@ -31,6 +31,7 @@ _ESTIMATE = f"{_SOLVE} calibrate"
 _READ = f"{_ESTIMATE} bound validate"
 _MEASUREMENTS = f"{_READ} plot convert describe"
 _WRITE = f"{_SOLVE} bound evaluate simulate convert"
+_ARRIVALS = "localize validate plot convert describe"
 _NOISES = ("gaussian", "laplace")
 _ENGINES = ("local", "dask")
 _POOLS = ("snapshot", "sensor", "file")
@@ -59,7 +60,8 @@ class InputOptions:
     ``missing``, ``where`` and ``declination_deg`` change the rows before all else: `nlosctl.io.row_steps`.
     ``missing_std`` is what becomes of required standard deviations that are missing: ``error``, ``estimable`` (an error
     that names the setting ``estimate_std``) or ``unit`` (1 in every row). ``speed_m_s`` makes lengths of arrival times,
-    also of the constant ``arrival_std_s``, which becomes ``arrival_std_m``. ``window`` makes snapshots of times, see
+    also of the constant ``arrival_std_s``, which becomes ``arrival_std_m``; its ``speed_std_m_s`` is one scale error of
+    all arrivals of a snapshot. ``window`` makes snapshots of times, see
     `nlosctl.io.measurements.windows`.
     """
 
@@ -101,6 +103,9 @@ class InputOptions:
     speed_m_s: float = option(
         LIGHT_M_S, "--speed-m-s", "Input", "Speed of the wave of arrival times: light, sound (343) or a number in m/s.",
         _MEASUREMENTS, metavar="SPEED", parse=parse_speed, text="light")
+    speed_std_m_s: float = option(
+        0.0, "--speed-std-m-s", "Input", "Standard deviation of the speed of the wave in m/s; 0: exactly known.",
+        f"bound {_ARRIVALS}", metavar="M_S")
     window: str | None = option(
         None, "--window", "Input", "Snapshots from times: a width such as 2s or 500ms, auto or all.",
         _MEASUREMENTS, metavar="WIDTH")
@@ -134,8 +139,7 @@ class InputOptions:
     def __post_init__(self) -> None:
         if self.window is not None:
             parse_window(self.window)
-        if not 0.0 < self.speed_m_s < math.inf:
-            raise UsageError(f"`speed_m_s` must be a finite number larger than 0. Got {self.speed_m_s:g} instead.")
+        check_speed(self.speed_m_s, self.speed_std_m_s)
         for name in ("constants", "default_constants"):
             if "arrival_std_s" in getattr(self, name):
                 object.__setattr__(self, name, std_in_metres(getattr(self, name), self.speed_m_s))

@@ -87,7 +87,7 @@ METHOD = MethodSpec(
     minimum_measurements=2,
     flags=("residual_m",),
     estimate_columns=OFFSETS,
-    reads=frozenset({"reference"}),
+    reads=frozenset({"reference", "speed_std"}),
     scales_std=True,
     dimensions=(2, 3),
 )

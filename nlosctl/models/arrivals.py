@@ -9,12 +9,12 @@ differences to any reference with their full covariance:
 
 Independent differences of pairs of sensors i, j, each with a std s of its own, have no offset:
 
-    r = (t - |x - a_i| + |x - a_j|) / s,    dr/dx = -(u_i - u_j) / s
+    r = (t - |x - a_i| + |x - a_j|) / s,    dr/dx = -(u_i - u_j) / s        (uncertain speed: `uncertain_speed`)
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from typing import NamedTuple
 
@@ -32,9 +32,9 @@ from nlosctl.geometry.blocks import (
 )
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.measured_height import MeasuredHeight
+from nlosctl.models.uncertain_speed import UncertainSpeed
 
 __all__ = ["ArrivalRows", "Compared", "arrival_rows"]
-
 
 _MANY_STDS = 6.0
 """A difference longer than its baseline by so many standard deviations is not that of direct arrivals."""
@@ -45,6 +45,7 @@ class Compared(NamedTuple):
 
     ``offset_m`` (B,) is the likeliest offset, ``pull`` its D derivatives with the opposite sign, m; 0 for differences.
     ``distance_m`` and ``along``, the D derivatives u of the distances, are (B, K), or (B, 2 K) for differences.
+    Residuals and derivatives are whitened if the speed of the wave is uncertain.
     """
 
     residual: FloatArray
@@ -72,6 +73,7 @@ class ArrivalRows(RowBlock):
     height: FloatArray | None = None
     level: MeasuredHeight | None = None
     held_z_m: FloatArray | None = None
+    speed: UncertainSpeed | None = None
 
     @property
     def of_pairs(self) -> bool:
@@ -122,10 +124,14 @@ class ArrivalRows(RowBlock):
         return distance
 
     def residual_m(self, *point: FloatArray) -> FloatArray:
-        """Return the arrivals minus distance and offset (B, K) at points (B,), or the differences minus theirs."""
+        """Return the arrivals minus distance and offset (B, K) at points (B,), or the differences minus theirs.
+
+        If the speed of the wave is uncertain, the arrivals are those of the likeliest speed.
+        """
         excess = self.arrival_m - self.measured(self.distance_m(*point))
         with ignoring_division():
-            return np.asarray(excess - self.common(excess)[:, None])
+            residual = np.asarray(excess - self.common(excess)[:, None])
+        return residual if self.speed is None else self.speed.corrected(residual / self.std_m) * self.std_m
 
     def compare(self, *point: FloatArray) -> Compared:
         """Return residuals and derivatives at points (B,); not finite on a sensor."""
@@ -144,7 +150,9 @@ class ArrivalRows(RowBlock):
             slopes = tuple(mean[:, None] - part for part, mean in zip(measured, pull, strict=True))
             for slope in slopes:
                 slope *= inverse_std
-            return Compared(excess, slopes, offset, pull, distance, along)
+        if self.speed is not None:
+            excess, slopes = self.speed.whitened(excess), tuple(map(self.speed.whitened, slopes))
+        return Compared(excess, slopes, offset, pull, distance, along)
 
     def bending(self, at: Compared) -> FloatArray:
         """Return residuals over std and distance by sensor (B, K), or by sensor and reference (B, 2 K).
@@ -152,9 +160,10 @@ class ArrivalRows(RowBlock):
         With the projector P across the ray, the sum of these times -P is that of the residuals times their second
         derivatives: the offset has no part in it, since the residuals over std sum to zero.
         """
+        residual = at.residual if self.speed is None else self.speed.whitened(at.residual)
         if not self.of_pairs:
-            return np.asarray(at.residual / (self.std_m * at.distance_m))
-        scaled = at.residual / self.std_m
+            return np.asarray(residual / (self.std_m * at.distance_m))
+        scaled = residual / self.std_m
         return np.asarray(side_by_side(scaled, -scaled) / at.distance_m)
 
     def information(self, *point: FloatArray) -> SymmetricMatrix:
@@ -173,8 +182,8 @@ class ArrivalRows(RowBlock):
         return cost
 
     def _half_chi_squares(self, point: tuple[FloatArray, ...]) -> FloatArray:
-        count, total = self.arrival_m.shape[1], np.zeros(point[0].shape)
-        excess, mean = [], np.zeros(point[0].shape)
+        count, excess = self.arrival_m.shape[1], []
+        total, mean, along = (np.zeros(point[0].shape) for _ in range(3))
         for k in range(count):
             away = self._distances_m(k, point)
             if self.of_pairs:
@@ -185,33 +194,16 @@ class ArrivalRows(RowBlock):
         for k, part in enumerate(excess):
             part -= mean
             part /= self.std_m[:, k, None]
+            if self.speed is not None:
+                along += self.speed.effect[:, k, None] * part
             part *= part
             total += part
+        if self.speed is not None:
+            total -= self.speed.gain(along)
         if self.level is not None:
             total += self.level.scaled_residual(point[-1]) ** 2
         total *= 0.5
         return total
-
-    def offset_columns(self, point: tuple[FloatArray, ...], covariance: SymmetricMatrix) -> dict[str, FloatArray]:
-        """Return the columns (B,) of the offset at points with a covariance: value, std, covariances with x, y, z.
-
-        NaN for independent differences.
-        """
-        at, dimension = self.compare(*point), len(point)
-        with ignoring_division():
-            cross = [
-                -sum((covariance.entry(i, j) * at.pull[j] for j in range(dimension)), np.zeros(at.offset_m.shape))
-                for i in range(dimension)
-            ]
-            variance = 1.0 / sum_measurements(1.0 / (self.std_m * self.std_m))
-            for part, mean in zip(cross, at.pull, strict=True):
-                variance = variance - part * mean
-        if self.held_z_m is not None:
-            cross.append(np.zeros(variance.shape))
-        names = (f"cov_{axis}_offset_m2" for axis in "xyz")
-        columns = {"offset_m": at.offset_m + self.origin_m, "offset_std_m": np.sqrt(np.maximum(variance, 0.0))}
-        columns |= dict(zip(names, cross, strict=False))
-        return {name: np.full(part.shape, np.nan) for name, part in columns.items()} if self.of_pairs else columns
 
     def contradictory(self, half_chi_square: FloatArray) -> BoolArray:
         """Return which snapshots (B,) have two arrivals farther apart than their sensors, by many stds.
@@ -229,15 +221,18 @@ class ArrivalRows(RowBlock):
         count = self.arrival_m.shape[1]
         if self.of_pairs:
             for k in range(count):
-                longest = self._baseline_m(k, count + k) + _MANY_STDS * self.std_m[:, k]
-                found |= np.abs(self.arrival_m[:, k]) > longest
+                found |= self._is_longer(self.arrival_m[:, k], self.std_m[:, k], self._baseline_m(k, count + k))
             return found
         for i in range(count):
             for k in range(i):
+                difference = self.arrival_m[:, i] - self.arrival_m[:, k]
                 spread = np.hypot(self.std_m[:, i], self.std_m[:, k])
-                longest = self._baseline_m(i, k) + _MANY_STDS * spread
-                found |= np.abs(self.arrival_m[:, i] - self.arrival_m[:, k]) > longest
+                found |= self._is_longer(difference, spread, self._baseline_m(i, k))
         return found
+
+    def _is_longer(self, difference: FloatArray, std: FloatArray, baseline: FloatArray) -> BoolArray:
+        spread = std if self.speed is None else np.hypot(std, self.speed.std * difference)
+        return np.asarray(np.abs(difference) > baseline + _MANY_STDS * spread)
 
     def _baseline_m(self, i: int, k: int) -> FloatArray:
         """Return the distances (B,) between two sensors or references."""
@@ -297,4 +292,8 @@ def arrival_rows(batch: ArrivalBatch) -> ArrivalRows:
     if held is None and target_z is not None and batch.target_z_std_m is not None:
         level = MeasuredHeight.of(target_z, batch.target_z_std_m, center[2])
     local = tuple(np.asfortranarray(part - middle[:, None]) for part, middle in zip(sensor, center, strict=True))
-    return ArrivalRows(center, local, batch.arrival_m, batch.arrival_std_m, batch.origin_m, height, level, held)
+    rows = ArrivalRows(center, local, batch.arrival_m, batch.arrival_std_m, batch.origin_m, height, level, held)
+    if batch.speed_std is None:
+        return rows
+    centred = batch.arrival_m - rows.common(batch.arrival_m)[:, None]
+    return replace(rows, speed=UncertainSpeed.of(batch.speed_std, np.asfortranarray(centred / batch.arrival_std_m)))

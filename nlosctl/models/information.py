@@ -179,6 +179,8 @@ def _ranges_seen_from(batch: RangeBatch, *point: FloatArray) -> RangeBatch:
 
 
 def _arrival_information(batch: ArrivalBatch, *point: FloatArray) -> Information:
+    if batch.speed_std is not None:  # its effect is that of arrivals without error
+        batch = _arrivals_seen_from(batch, *point)
     rows = arrival_rows(batch)
     local = tuple(part - middle for part, middle in zip(point, rows.center, strict=False))
     return Information(rows.information(*local), np.full(point[0].shape, batch.measurements, dtype=np.int64))
@@ -186,10 +188,15 @@ def _arrival_information(batch: ArrivalBatch, *point: FloatArray) -> Information
 
 def _arrivals_seen_from(batch: ArrivalBatch, *point: FloatArray) -> ArrivalBatch:
     every = _repeated(batch, point[0].shape[0])
-    sensor = [every["sensor_xy_m"][..., 0], every["sensor_xy_m"][..., 1]]
-    sensor += [every["sensor_z_m"]] if batch.dimension == 3 else []
-    squares = [(part[:, None] - own) ** 2 for part, own in zip(point, sensor, strict=True)]
-    every["arrival_m"] = np.asfortranarray(np.sqrt(np.sum(squares, axis=0)))
+
+    def distance(owner: str) -> FloatArray:
+        places = [every[f"{owner}_xy_m"][..., 0], every[f"{owner}_xy_m"][..., 1]]
+        places += [every[f"{owner}_z_m"]] if batch.dimension == 3 else []
+        squares = [(part[:, None] - own) ** 2 for part, own in zip(point, places, strict=True)]
+        return np.asarray(np.sqrt(np.sum(squares, axis=0)))
+
+    arrival = distance("sensor") if batch.reference_xy_m is None else distance("sensor") - distance("reference")
+    every["arrival_m"] = np.asfortranarray(arrival)
     return replace(batch, **every)
 
 

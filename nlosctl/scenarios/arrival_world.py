@@ -41,6 +41,12 @@ class ArrivalOptions:
         0.0, minimum=0.0, maximum=1.0, meaning="share of the rows that are late by an exponential delay"
     )
     delay_mean_m: float = option(60.0, unit="m", minimum=0.0, exclusive=True, meaning="mean delay of such a row")
+    speed_std: float = option(
+        0.0,
+        minimum=0.0,
+        maximum=0.25,
+        meaning="standard deviation of the speed of the wave, as a share of it, in each snapshot",
+    )
     pairs: int = option(
         0, minimum=0, maximum=100_000, meaning="independent differences of so many pairs of sensors; 0: arrivals"
     )
@@ -83,6 +89,10 @@ def generate(options: ArrivalOptions, generator: np.random.Generator, snapshots:
         exact = distance + offset[:, None]
         of_rows = {"truth_offset_m": np.repeat(offset, options.sensors)}
     measured, is_direct = _measured(options, generator, exact)
+    if options.speed_std:
+        ranges = exact if options.pairs else distance
+        error = options.speed_std * generator.standard_normal(snapshots)
+        measured = measured - (error / (1.0 + error))[:, None] * ranges
     return {
         "snapshot": np.repeat(np.arange(snapshots, dtype=np.int64), number.shape[1]),
         "sensor": names[number.ravel()],

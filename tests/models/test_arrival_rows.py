@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from arrival_batches import arrival_batch, pair_batch
 
+from nlosctl.models.arrival_offsets import offset_columns
 from nlosctl.models.arrivals import ArrivalRows, arrival_rows
 from nlosctl.solvers.arrivals.likelihood import ArrivalProblem
 from nlosctl.solvers.arrivals.squared_differences import squared_differences
@@ -15,6 +16,7 @@ from nlosctl.solvers.arrivals.squared_differences import squared_differences
 _POINTS = 30
 
 
+SPEED_CASES = ["speed plane", "speed level", "pairs speed space"]
 CASES = ["plane", "space", "level", "held", "pairs plane", "pairs space", "pairs level", "pairs held"]
 
 
@@ -26,6 +28,8 @@ def _rows(case: str) -> tuple[ArrivalRows, list[Any]]:
     known = {"level": {"z_m": 20.0, "z_std_m": 2.0}, "held": {"z_m": 20.0, "z_std_m": 0.0}}
     heights = known.get(case.rpartition(" ")[2], {})
     std = generator.uniform(0.5, 2.0, (_POINTS, 6))
+    if "speed" in case:
+        heights = {**heights, "speed_std": generator.uniform(0.001, 0.05, _POINTS)}
     if case.startswith("pairs"):
         batch = pair_batch(sensors, generator.uniform(-50.0, 50.0, shape), arrivals - 30.0, std, **heights)
     else:
@@ -34,7 +38,7 @@ def _rows(case: str) -> tuple[ArrivalRows, list[Any]]:
     return rows, list(generator.uniform(-60.0, 50.0, (len(rows.center), _POINTS)))
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", [*CASES, *SPEED_CASES])
 def test_derivatives_agree_with_finite_differences(case: str) -> None:
     """Gradients of both problems equal central differences; Newton's matrices do so where they are exact."""
     rows, point = _rows(case)
@@ -77,7 +81,7 @@ def test_the_information_is_the_sum_of_squared_slopes(case: str) -> None:
     np.testing.assert_allclose(rows.information(*point).dense(), expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("case", ["plane", "held", "pairs plane", "pairs held"])
+@pytest.mark.parametrize("case", ["plane", "held", "pairs plane", "pairs held", *SPEED_CASES])
 def test_costs_of_points_are_those_of_the_problem(case: str) -> None:
     """Half the chi-square of points (B, P) is the cost of the problem at each; beyond its reach that is infinite."""
     rows, point = _rows(case)
@@ -93,7 +97,7 @@ def test_differences_of_pairs_have_no_offset() -> None:
     rows, point = _rows("pairs space")
     away = [np.linalg.norm(np.stack(point)[..., None] - np.stack(rows.sensor)[..., k : k + 6], axis=0) for k in (0, 6)]
     np.testing.assert_allclose(rows.residual_m(*point), rows.arrival_m - away[0] + away[1], rtol=1e-12)
-    columns = rows.offset_columns(tuple(point), rows.information(*point).inverse())
+    columns = offset_columns(rows, tuple(point), rows.information(*point).inverse())
     assert np.isnan(list(columns.values())).all()
     assert (rows.degrees_of_freedom == 3).all()
 
@@ -102,7 +106,7 @@ def test_the_offset_has_the_covariance_of_the_joint_information() -> None:
     """Offset, std and covariances are those of the inverse information of position and offset together."""
     rows, point = _rows("space")
     covariance = rows.information(*point).inverse()
-    columns = rows.offset_columns(tuple(point), covariance)
+    columns = offset_columns(rows, tuple(point), covariance)
     distance = rows.distance_m(*point)
     weight = 1.0 / rows.std_m**2
     slopes = [(part[:, None] - own) / distance for part, own in zip(point, rows.sensor, strict=True)]

@@ -242,10 +242,10 @@ def planned(
         **{name: value for name, value in options.constants.items() if name not in table.space_names},
     }
     plan = plan_columns(names, table, constants, scene, part.name, header, options.missing_std)
-    if table.dimension == 3 or table.name == "arrivals":
+    if table.dimension == 3 or table.name == "arrivals" or options.speed_std_m_s:
         from nlosctl.io.measurements.completion.completed_rows import completed_plan
 
-        plan = completed_plan(plan, header, part.name, options.speed_m_s)
+        plan = completed_plan(plan, header, part.name, options)
     extra, time_column = options.extra_columns, ""
     if needs_times:
         from nlosctl.io.measurements.windows.window_columns import columns_of_windows

@@ -202,6 +202,8 @@ def _as_modelled(chunk: Chunk, reader: MeasurementReader, options: SolveOptions)
     Raises UsageError for ranges by circles that are slant, or beside bearings.
     """
     chunk = with_target_heights(chunk, reader.dimension, options)
+    if options.noise == "laplace" and reader.options.speed_std_m_s:
+        raise UsageError("`speed_std_m_s` is for the bound of gaussian errors; leave it out, or `noise` laplace")
     if reader.scene.has_circles and reader.kind == "bearings" and options.use_ranges:
         refuse_circle_ranges(chunk, reader.scene)
     elif reader.scene.has_circles and reader.kind == "ranges":

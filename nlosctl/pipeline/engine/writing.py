@@ -150,6 +150,8 @@ def read_settings(reader: MeasurementReader) -> dict[str, Any]:
     settings |= {name: list(getattr(options, name)) for name in ("wide", "missing", "where")}
     if options.declination_deg is not None:
         settings["declination_deg"] = options.declination_deg
+    if options.speed_std_m_s:
+        settings |= {"speed_m_s": options.speed_m_s, "speed_std_m_s": options.speed_std_m_s}
     if options.window is not None:
         settings |= {"window": options.window, "by": list(options.by), "timezone": options.timezone}
         settings["window_keep"] = options.window_keep

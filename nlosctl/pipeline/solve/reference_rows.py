@@ -57,8 +57,13 @@ def lacks_reference(spec: MethodSpec, chunk: Chunk, snapshot: int, row: IntArray
     """Return whether the snapshots with the rows (B, K), alike in this, lack the row of their reference.
 
     Raises UsageError, naming the ``snapshot``, for independent differences and a method that takes them as arrivals
-    with one offset.
+    with one offset, and for an uncertain speed and a method that takes it as exact.
     """
+    if "speed_std" in chunk.columns and "speed_std" not in spec.reads:
+        raise UsageError(
+            f"method {spec.name!r} takes the speed of the wave as exactly known; use `method` ml, or leave "
+            "`speed_std_m_s` out"
+        )
     form = difference_form(chunk.columns, row)
     if form == Form.OF_PAIRS and "reference" not in spec.reads:
         raise UsageError(

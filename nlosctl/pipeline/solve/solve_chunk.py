@@ -250,6 +250,8 @@ def dense_batch(
             arrays[name].flags.writeable = False
     if dimension == 3 and "target_z_m" in columns and not np.isnan(columns["target_z_m"][row[:, 0]]).all():
         arrays |= {name: _gather(row[:, 0], [columns[name]]) for name in ("target_z_m", "target_z_std_m")}
+    if "speed_std" in columns:
+        arrays["speed_std"] = _gather(row[:, 0], [columns["speed_std"]])
     for name, (rest, origin) in cls.EXACT.items():
         arrays |= dict(zip((name, origin), about_origin(columns[name][row], columns[rest][row]), strict=True))
     if kind == "arrivals":

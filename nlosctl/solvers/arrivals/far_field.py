@@ -55,6 +55,8 @@ def _may_be_open(rows: ArrivalRows, *point: FloatArray) -> BoolArray:
     inverse_std, count = 1.0 / rows.std_m, rows.std_m.shape[1]
     columns = [rows.arrival_m, *map(rows.measured, rows.sensor)]
     arrival, *sensor = (inverse_std * (part - rows.common(part)[:, None]) for part in columns)
+    if rows.speed is not None:
+        arrival, *sensor = map(rows.speed.whitened, (arrival, *sensor))
     bend = reduce(np.add, [part * part for part in rows.sensor])
     if rows.height is not None:
         bend += rows.height * rows.height

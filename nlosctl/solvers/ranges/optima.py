@@ -11,6 +11,7 @@ from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
 from nlosctl.geometry.blocks import max_measurements, rows_in_order, rows_of, sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
+from nlosctl.models.arrival_offsets import offset_columns
 from nlosctl.models.arrivals import ArrivalRows
 from nlosctl.models.ranges.circles import RangeCircles
 from nlosctl.models.ranges.spheres import RangeRows, RangeSpheres
@@ -86,8 +87,14 @@ def estimate_factors(
 ) -> StdFactors:
     """Return the factors of unknown std by the residuals of the better optimum; arguments of `finish_range_fix`.
 
-    UsageError with a measured height, whose standard deviation is stated: a single factor would scale that too.
+    UsageError with a measured height or an uncertain speed, whose standard deviation is stated: a single factor would
+    scale that too.
     """
+    if isinstance(rows, ArrivalRows) and rows.speed is not None:
+        raise UsageError(
+            "`speed_std_m_s` needs stated standard deviations of the arrivals; state them, or leave it out for an "
+            "exact speed."
+        )
     if rows.level is not None:
         raise UsageError(
             "A measured height with a standard deviation needs stated standard deviations of the other measurements; "
@@ -174,7 +181,10 @@ def finish_range_fix(
     columns: tuple[dict[str, FloatArray], dict[str, FloatArray]] = ({}, {})
     if isinstance(rows, ArrivalRows):
         apart, covariance = rows_of(rest.point, others), rest.covariance.take(others)
-        columns = rows.offset_columns(best.point, best.covariance), rows.take(others).offset_columns(apart, covariance)
+        columns = (
+            offset_columns(rows, best.point, best.covariance),
+            offset_columns(rows.take(others), apart, covariance),
+        )
     estimates = paired_estimates(
         others,
         rows,
@@ -257,6 +267,8 @@ def _judge(rows: Rows, optimum: RangeOptimum, min_range_m: float) -> StatusArray
 def _half_chi_square(rows: Rows, point: tuple[FloatArray, ...], residual_m: FloatArray) -> FloatArray:
     scaled = residual_m / rows.std_m
     half = 0.5 * sum_measurements(scaled * scaled)
+    if isinstance(rows, ArrivalRows) and rows.speed is not None:
+        half = half + 0.5 * rows.speed.scaled_error(scaled) ** 2
     return half if rows.level is None else half + 0.5 * rows.level.scaled_residual(point[-1]) ** 2
 
 

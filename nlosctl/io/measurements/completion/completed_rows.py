@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import numpy.typing as npt
 
+from nlosctl.contract.run_options import InputOptions
+from nlosctl.errors import UsageError
 from nlosctl.io.measurements.column_mapping import ColumnPlan
 from nlosctl.io.measurements.completion.exact_numbers import REST
 from nlosctl.io.measurements.completion.references import arrival_plan, check_arrivals, resolve_references
@@ -20,11 +24,18 @@ if TYPE_CHECKING:
 __all__ = ["complete_columns", "completed_chunk", "completed_plan"]
 
 
-def completed_plan(plan: ColumnPlan, header: Sequence[str], file: str, speed_m_s: float) -> ColumnPlan:
-    """Return the plan with the speed of arrival times; raise DataError for columns that need others."""
+def completed_plan(plan: ColumnPlan, header: Sequence[str], file: str, options: InputOptions) -> ColumnPlan:
+    """Return the plan with the speed of arrival times; raise DataError for columns that need others.
+
+    Raises UsageError for the std of a speed where there are no arrivals.
+    """
     if plan.table.dimension == 3:
         check_space(plan, header, file)
-    return arrival_plan(plan, file, speed_m_s) if plan.table.name == "arrivals" else plan
+    if plan.table.name == "arrivals":
+        return arrival_plan(plan, file, options.speed_m_s)
+    if options.speed_std_m_s:
+        raise UsageError(f"`speed_std_m_s` is for arrivals, and {file} has {plan.table.name}; leave it out")
+    return plan
 
 
 def complete_columns(
@@ -37,7 +48,13 @@ def complete_columns(
         check_arrivals(plan, scene, batch, columns, faults)
 
 
-def completed_chunk(chunk: Chunk, names: Sequence[str]) -> Chunk:
-    """Return the chunk with the references of its differences; raise DataError where a snapshot's rows disagree."""
+def completed_chunk(chunk: Chunk, names: Sequence[str], options: InputOptions) -> Chunk:
+    """Return the chunk with the references of its differences; raise DataError where a snapshot's rows disagree.
+
+    ``speed_std`` (N,) is the std of the speed of arrivals as a share of it, if that is uncertain.
+    """
     refuse_several_heights(chunk)
+    if options.speed_std_m_s:
+        share = np.full(int(chunk.offsets[-1]), options.speed_std_m_s / options.speed_m_s)
+        chunk = replace(chunk, columns={**chunk.columns, "speed_std": share})
     return resolve_references(chunk, names) if "reference" in chunk.columns else chunk
