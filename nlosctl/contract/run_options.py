@@ -139,7 +139,8 @@ class InputOptions:
     def __post_init__(self) -> None:
         if self.window is not None:
             parse_window(self.window)
-        check_speed(self.speed_m_s, self.speed_std_m_s)
+        if self.speed_std_m_s or not 0.0 < self.speed_m_s < math.inf:
+            check_speed(self.speed_m_s, self.speed_std_m_s)
         for name in ("constants", "default_constants"):
             if "arrival_std_s" in getattr(self, name):
                 object.__setattr__(self, name, std_in_metres(getattr(self, name), self.speed_m_s))
