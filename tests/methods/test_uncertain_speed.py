@@ -169,8 +169,8 @@ def test_a_long_difference_may_be_of_a_fast_wave() -> None:
     """A difference 3 % longer than the distance of its sensors contradicts a known speed, not one of 2 % std."""
     sensors, point = np.array([(0.0, 0.0), (100.0, 0.0), (50.0, 80.0), (20.0, -60.0)]), np.array([-30.0, 1.0])
     arrivals = 1.03 * np.linalg.norm(sensors - point, axis=1)[None]
-    assert arrival_rows(arrival_batch(sensors, arrivals, 0.01)).contradictory().all()
-    assert not arrival_rows(arrival_batch(sensors, arrivals, 0.01, speed_std=np.full(1, 0.02))).contradictory().any()
+    assert arrival_rows(arrival_batch(sensors, arrivals, 0.01)).far_apart().all()
+    assert not arrival_rows(arrival_batch(sensors, arrivals, 0.01, speed_std=np.full(1, 0.02))).far_apart().any()
 
 
 def test_unknown_stds_cannot_be_estimated_beside_it() -> None:
