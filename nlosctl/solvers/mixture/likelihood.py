@@ -146,18 +146,24 @@ class Mixture(RowBlock):
         cost = -total.logarithm - self.log_nlos - self.least_cost
         return Evaluation.of_newton(cost, total.gradient, total.exact, total.gauss)
 
-    def responsibilities(self, *point: FloatArray) -> tuple[FloatArray, SymmetricMatrix]:
+    def derivatives(self, *point: FloatArray) -> list[RowDerivatives]:
+        """Return half the chi-square of each row at points (B,), and its derivatives."""
+        with ignoring_overflow():
+            return [self.rows.derivatives(k, *point) for k in range(self.count)]
+
+    def responsibilities(
+        self, *point: FloatArray, rows: list[RowDerivatives] | None = None
+    ) -> tuple[FloatArray, SymmetricMatrix]:
         """Return each row's probability (B, K) to be direct at points (B,), and the information they carry.
 
         The information (B,) is the sum of the rows' Gauss-Newton matrices, each times its probability, and of those
-        of outliers.
+        of outliers. ``rows`` are the `derivatives` at the points, if already computed.
         """
         count = self.count
         direct = np.empty((point[0].shape[0], count), order="F")
-        rows: list[RowDerivatives] = []
+        rows = self.derivatives(*point) if rows is None else rows
         with ignoring_overflow():
             for k in range(count):
-                rows.append(self.rows.derivatives(k, *point))
                 np.exp(self.log_direct[:, k] - rows[k].half_chi_square, out=direct[:, k])
             evidence = self._evidence(direct)
             direct /= evidence

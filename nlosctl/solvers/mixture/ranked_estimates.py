@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Any
@@ -18,7 +18,7 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.modes import Modes
 from nlosctl.solvers.mixture.path_groups import PathGroups, restore_rows
-from nlosctl.solvers.optimization.problem import least_chi_square
+from nlosctl.solvers.optimization.problem import RowDerivatives, least_chi_square
 
 __all__ = ["Misfit", "RankedFixes", "direct_at", "rank_modes", "ranked_estimates", "ranked_flags", "ranked_status"]
 
@@ -58,10 +58,20 @@ class Misfit(RowBlock):
         """Return as many that are not yet known."""
         return cls(np.full(shape, np.nan), np.zeros(shape, dtype=np.int64))
 
-    def put(self, index: Any, mixture: Mixture, point: Point, used: BoolArray) -> None:
-        """Fill in the fixes at points (N,) with an ``index``, which use the rows marked by ``used`` (N, K)."""
+    def put(
+        self,
+        index: Any,
+        mixture: Mixture,
+        point: Point,
+        used: BoolArray,
+        derivatives: Sequence[RowDerivatives] | None = None,
+    ) -> None:
+        """Fill in the fixes at points (N,) with an ``index``, which use the rows marked by ``used`` (N, K).
+
+        ``derivatives`` are those of the mixture's rows at the points, if already computed.
+        """
         height = None if mixture.height is None else mixture.height_terms(*point)
-        chi_square, scalars = least_chi_square(mixture.rows, point, used, height)
+        chi_square, scalars = least_chi_square(mixture.rows, point, used, height, derivatives)
         if mixture.height is not None:
             scalars = scalars + mixture.height.known
         self.chi_square[index], self.degrees_of_freedom[index] = chi_square, scalars - len(point)
@@ -77,9 +87,10 @@ def rank_modes(mixture: Mixture, modes: Modes) -> tuple[RankedFixes, FloatArray]
     """Return the modes with the information of their direct rows, and each row's probability (B, K) at the best."""
     snapshot, index = np.nonzero(np.isfinite(modes.cost))
     taken, point = mixture.take(snapshot), tuple(part[snapshot, index] for part in modes.point)
-    probability, information = taken.responsibilities(*point)
+    rows = taken.derivatives(*point)
+    probability, information = taken.responsibilities(*point, rows=rows)
     misfit = Misfit.unknown(modes.cost.shape)
-    misfit.put((snapshot, index), taken, point, probability > 0.5)
+    misfit.put((snapshot, index), taken, point, probability > 0.5, rows)
     covariance = SymmetricMatrix.full(modes.cost.shape, np.nan, mixture.dimension)
     covariance.put((snapshot, index), information.inverse())
     n_used = np.zeros(modes.cost.shape, dtype=np.int64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import chain
@@ -171,18 +171,24 @@ class MeasuredRows(Protocol):
 
 
 def least_chi_square(
-    rows: MeasuredRows, point: Point, used: BoolArray, further: RowDerivatives | None = None
+    rows: MeasuredRows,
+    point: Point,
+    used: BoolArray,
+    further: RowDerivatives | None = None,
+    derivatives: Sequence[RowDerivatives] | None = None,
 ) -> tuple[FloatArray, IntArray]:
     """Return the chi-square (B,) of the ``used`` rows (B, K) at the optimum near points (B,), and their scalars.
 
     It is that of the linearized residuals after a Gauss-Newton step on these rows: the points need not minimize it.
-    NaN where a used row is impossible there. ``further`` is added to the rows, such as a prior.
+    NaN where a used row is impossible there. ``further`` is added to the rows, such as a prior; ``derivatives`` are
+    those of the rows at the points, if already computed.
     """
     shape = used.shape[:1]
     half, *slope = (np.zeros(shape) for _ in range(1 + len(point)))
     information = SymmetricMatrix.full(shape, 0.0, len(point))
     with ignoring_overflow():
-        terms = ((rows.derivatives(k, *point).direct(), used[:, k]) for k in range(used.shape[1]))
+        known = derivatives or (rows.derivatives(k, *point) for k in range(used.shape[1]))
+        terms = ((row.direct(), used[:, k]) for k, row in enumerate(known))
         for row, mine in chain(terms, () if further is None else [(further, np.ones(shape, dtype=bool))]):
             share = mine.astype(np.float64)
             half += np.where(mine, row.half_chi_square, 0.0)
