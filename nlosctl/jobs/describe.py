@@ -22,7 +22,7 @@ from nlosctl.io.paths.spooled import spooled
 from nlosctl.io.readers.open_file import open_part
 from nlosctl.io.results.in_memory import input_of_table
 from nlosctl.jobs.console import Console, Silent
-from nlosctl.jobs.files import open_inputs
+from nlosctl.jobs.files import open_inputs, require_window
 from nlosctl.pipeline.convert.importer import Import, Imported
 from nlosctl.pipeline.convert.recognition import AUTO
 from nlosctl.pipeline.describe.commands import estimates_std, log_commands, table_commands
@@ -107,14 +107,31 @@ def _constants() -> Iterator[dict[str, float]]:
 def _read(
     given: Sequence[Input], options: InputOptions, progress: Callable[[int], None]
 ) -> tuple[Description, InputOptions]:
+    """Return the description, and the options with what the values ask for.
+
+    That is the window ``auto`` where times make snapshots of several rows, and of arrivals their speed and dimensions.
+    """
+    found, used = _in_windows(given, options, progress)
+    settings = found.spans.settings(used, found.largest)
+    if settings:
+        with suppress(DataError, UsageError):
+            return _in_windows(given, dataclasses.replace(used, **settings), progress)
+    return found, used
+
+
+def _in_windows(
+    given: Sequence[Input], options: InputOptions, progress: Callable[[int], None]
+) -> tuple[Description, InputOptions]:
     """Return the description, and the options with the window ``auto`` where times make snapshots of several rows."""
     with _reading(given, options) as reader:
         names = reader.column_names
         if options.window is not None or SNAPSHOT in names or not {"time", "time_s"} & {*names}:
+            if SNAPSHOT in names:
+                require_window(options)
             return description_of(reader, progress), options
     windowed = dataclasses.replace(options, window=AUTO_WINDOW)
     with suppress(DataError, UsageError):
-        found, _ = _read(given, windowed, progress)
+        found, _ = _in_windows(given, windowed, progress)
         if found.largest > 1 and not found.bad_rows:
             return found, windowed
     with _reading(given, options) as reader:
@@ -147,7 +164,10 @@ def _imported(name: str, read: InputOptions, why_no_table: Exception) -> Importe
     """Return the log that an importer recognizes; raises DataError, if none does with the reason ``why_no_table``."""
     scene = read.scene if isinstance(read.scene, str) else None
     try:
-        return Import(AUTO, {}, scene_file=scene, frame=read.frame, bad_rows=lambda rows: None).read(name)
+        parameters = {} if read.window is None else {"window": read.window}
+        require_window(read)
+        job = Import(AUTO, parameters, scene_file=scene, frame=read.frame, bad_rows=lambda rows: None, by=read.by)
+        return job.read(name)
     except (DataError, UsageError) as error:
         reason = why_no_table if _NOT_RECOGNIZED in str(error) else error
         raise DataError(str(reason).splitlines()[0]) from error
@@ -156,11 +176,12 @@ def _imported(name: str, read: InputOptions, why_no_table: Exception) -> Importe
 def _of_log(name: str, imported: Imported, read: InputOptions) -> dict[str, Any]:
     """Return the description of a log that an importer has read; what it can't be solved for lacks commands."""
     table = f"{PurePath(name).name}.parquet"
-    scene = dataclasses.replace(read, scene=imported.scene, kind=imported.kind)
+    scene = dataclasses.replace(read, scene=imported.scene, kind=imported.kind, window=None, by=())
     found, used = None, read
     with suppress(DataError, UsageError):
         found, used = _of_table([input_of_table(imported.table)], scene, lambda rows: None)
-    options = dataclasses.replace(read, constants=used.constants, window=used.window)
+    settings = {name: getattr(used, name) for name in ("constants", "dimensions", "speed_m_s")}
+    options = dataclasses.replace(read, **settings)
     commands = log_commands(name, imported.importer, table, options, found, _assumed(read, used))
     found = found or Description(kind=imported.kind, rows=imported.table.num_rows)
     notes = [Suspicion(what="note", column=None, rows=None, text=note) for note in imported.notes]
@@ -180,6 +201,12 @@ def _unstated(description: Description, read: InputOptions, used: InputOptions) 
             cure = "`estimate_std` estimates it from the residuals; 'nlosctl validate' assumes a value"
         text = f"there is no {' and no '.join(assumed)}: {cure}"
         found.append(Suspicion(what="no_std", column=None, rows=None, text=text))
+    if used.speed_m_s != read.speed_m_s:
+        text = (
+            "at the speed of light arrivals differ by more than the distance of their sensors, at that of sound they "
+            "do not: set `speed_m_s` sound, or the speed at your temperature"
+        )
+        found.append(Suspicion(what="sound_as_light", column=None, rows=None, text=text))
     for name, header in used.columns.items():
         if name not in read.columns:
             text = f"column {header!r} contains degrees, not radians: read it by `columns` {name}={header}"
@@ -192,7 +219,7 @@ def _as_dict(
 ) -> dict[str, Any]:
     bad = []
     if found.bad_rows:
-        text = f"{found.bad_rows} of {found.rows} rows are bad: 'nlosctl validate' lists them"
+        text = f"{found.bad_rows} of {found.rows} rows are bad: 'nlosctl validate' lists them; {found.first_problem}"
         bad.append(Suspicion(what="bad_rows", column=None, rows=found.bad_rows, text=text))
     return {
         "kind": found.kind,

@@ -284,3 +284,87 @@ def test_the_function_gives_the_same(cli: Cli) -> None:
     cli("--version")
     write(bearings(bearing_std_deg=[2.0] * 30), "b.csv")
     assert nlosctl.describe("b.csv") == described(cli, "b.csv")
+
+
+ARRIVALS = {"a": (0.0, 0.0, 3.2785), "b": (40.0, 0.0, 3.3012), "c": (40.0, 40.0, 3.29057), "d": (0.0, 40.0, 3.26421)}
+"""Position in metres, and time in seconds at the speed of sound, of four microphones."""
+
+
+def arrivals(name: str, factor: float = 1.0, shift: float = 0.0) -> Any:
+    """Return three snapshots of the microphones' times in a unit of 1 / factor seconds, in a column of this name."""
+    rows = [(number, *row) for number in range(3) for row in ((key, *place) for key, place in ARRIVALS.items())]
+    names = ("snapshot", "sensor", "sensor_x_m", "sensor_y_m")
+    columns = {key: [row[index] for row in rows] for index, key in enumerate(names)}
+    return pa.table({**columns, name: [row[4] * factor + shift + row[0] for row in rows]})
+
+
+def test_arrivals_of_sound_are_not_those_of_light(cli: Cli) -> None:
+    """Differences longer than their baselines at the speed of light, not at that of sound: the commands set it."""
+    cli("--version")
+    write(arrivals("arrival_s"), "a.csv")
+    found = described(cli, "a.csv")
+    assert (found["kind"], found["snapshots"], found["sensors"]) == ("arrivals", 3, 4)
+    assert kinds_of(found) == ["no_std", "sound_as_light"]
+    assert all("--speed-m-s 343" in command for command in found["commands"])
+    run_all(cli, found)
+    assert kinds_of(described(cli, "a.csv", "--speed-m-s", "sound")) == ["no_std"]
+
+
+def test_arrivals_in_another_unit(cli: Cli) -> None:
+    """Gateways' nanoseconds in a column of microseconds: the description names the column that fits."""
+    cli("--version")
+    stamps = {
+        "a": (0, 0, 12510210),
+        "b": (6200, 400, 12513627),
+        "c": (5100, 5600, 12515278),
+        "d": (-900, 4800, 12514654),
+    }
+    rows = [(key, *row) for key, row in stamps.items()]
+    names = ("sensor", "sensor_x_m", "sensor_y_m", "arrival_us")
+    write(pa.table({name: [row[index] for row in rows] for index, name in enumerate(names)}), "u.csv")
+    (known,) = [known for known in described(cli, "u.csv")["suspicions"] if known["what"] == "longer_than_baseline"]
+    assert known["column"] == "arrival_us"
+    assert known["text"].startswith("in 1 of 1 snapshots arrivals differ by more than the distance of their sensors")
+    assert "--column arrival_ns=arrival_us" in known["text"]
+
+
+def test_a_receiver_without_a_clock_is_not_sound(cli: Cli) -> None:
+    """One late receiver of seven makes all differences with it too long; no speed and no unit is proposed for that."""
+    found = described(cli, FIXTURES / "formats" / "opensky.csv")
+    (known,) = [known for known in found["suspicions"] if known["what"] == "longer_than_baseline"]
+    assert "are positions in metres" in known["text"]
+    assert found["importer"] == "opensky"
+    assert "--dimensions 3" in found["commands"][-1]
+    assert "--speed-m-s" not in found["commands"][-1]
+
+
+def test_nanoseconds_as_floats_are_named(cli: Cli) -> None:
+    """Times that are rounded as floating-point numbers are bad rows, and the description has the cure."""
+    cli("--version")
+    table = arrivals("arrival_ns", 1e9, 1.7e18)
+    write(table.set_column(4, "arrival_ns", pa.array([f"{x:.6e}" for x in table["arrival_ns"].to_pylist()])), "n.csv")
+    (known,) = [known for known in described(cli, "n.csv")["suspicions"] if known["what"] == "bad_rows"]
+    assert "give whole nanoseconds in a column of integers" in known["text"]
+
+
+def test_windows_of_tables_and_logs(cli: Cli, tmp_path: Path) -> None:
+    """``--window`` and ``--by`` are those of other commands: for tables, and for logs as in ``convert``."""
+    cli("--version")
+    seconds = [10 * (row // 3) + row % 3 for row in range(30)]
+    write(bearings(time_s=seconds, tag=["xy"[row // 3 % 2] for row in range(30)]).drop_columns(["snapshot"]), "w.csv")
+    found = described(cli, "w.csv", "--window", "20s", "--by", "tag", "--bearing-std-deg", "2")
+    assert found["snapshots"] == 10
+    assert all("--window 20s --by tag" in command for command in found["commands"])
+    run_all(cli, found)
+    log = FIXTURES / "formats" / "uwb_ranges.csv"
+    assert [described(cli, log, *words)["snapshots"] for words in ((), ("--window", "2s"))] == [2, 1]
+    (tmp_path / "l.csv").write_bytes(log.read_bytes())
+    (tmp_path / "l.scene.toml").write_bytes(log.with_name("uwb_ranges.scene.toml").read_bytes())
+    found = described(cli, "l.csv", "--window", "2s", "--by", "sensor")
+    assert "--from uwb --window 2s --by sensor" in found["commands"][0]
+    assert found["snapshots"] == 3
+    run_all(cli, found)
+    for words in (("--by", "sensor"), ("--window", "2s")):
+        done = cli("describe", FIXTURES / "good_bearings.csv", *words)
+        assert done.code in (1, 2)
+        assert len(done.err.splitlines()) == 1

@@ -20,15 +20,13 @@ _METHODS = {
     "arrivals": ("localize", "ml"),
     "triplets": ("detect-ip", "chi2"),
 }
-_UNKNOWNS = {"arrivals": 3}
-"""Of a fix in the plane, if they are not two."""
-
-_OPTIONS_OF_CONVERT = ("wide", "missing", "where", "declination_deg", "crs", "origin", "scene")
+_OPTIONS_OF_CONVERT = ("wide", "missing", "where", "declination_deg", "crs", "origin", "scene", "window", "by")
+_OPTIONS_OF_SOLVING = ("constants", "dimensions", "speed_m_s")
 
 
 def estimates_std(found: Description) -> bool:
     """Return whether the proposed command can estimate unknown standard deviations: a snapshot has spare rows."""
-    return _method(found) == ("localize", "ml") and found.largest > _UNKNOWNS.get(found.kind, 2)
+    return _method(found) == ("localize", "ml") and found.largest > found.dimension + (found.kind == "arrivals")
 
 
 def table_commands(name: str, read: InputOptions, found: Description, assumed: Collection[str] = ()) -> list[str]:
@@ -72,7 +70,7 @@ def log_commands(
         table,
         "--overwrite",
     ]
-    rest = InputOptions(constants=read.constants, window=read.window, by=read.by)
+    rest = InputOptions(**{key: getattr(read, key) for key in _OPTIONS_OF_SOLVING})
     solved = [] if found is None else table_commands(table, rest, found, assumed)
     return [shlex.join(words), *solved]
 

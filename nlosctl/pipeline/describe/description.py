@@ -11,6 +11,7 @@ import numpy as np
 
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.results.plot_inputs import as_array
+from nlosctl.pipeline.describe.arrival_spans import ArrivalSpans
 from nlosctl.pipeline.describe.sensor_jumps import SensorJumps
 from nlosctl.pipeline.describe.suspicions import Suspicion, of_cause, of_remarks
 from nlosctl.pipeline.describe.times import RowTimes
@@ -30,10 +31,12 @@ class Description:
     """The counts of measurements of one ``kind``, their values, times and suspicious things.
 
     ``repeats`` is the number of rows whose sensor has an earlier row, without a path number, in their snapshot,
-    ``largest`` that of the rows in the largest snapshot.
+    ``largest`` that of the rows in the largest snapshot, ``dimension`` that in which the rows are read.
+    ``first_problem`` is the fault of the first bad row.
     """
 
     kind: str
+    dimension: int = 2
     rows: int = 0
     bad_rows: int = 0
     snapshots: int = 0
@@ -44,6 +47,8 @@ class Description:
     times: RowTimes = field(default_factory=RowTimes)
     jumps: SensorJumps = field(default_factory=SensorJumps)
     truth: TruthDirections = field(default_factory=TruthDirections)
+    spans: ArrivalSpans = field(default_factory=ArrivalSpans)
+    first_problem: str = ""
     suspicions: list[Suspicion] = field(default_factory=list)
 
 
@@ -52,7 +57,7 @@ def description_of(reader: MeasurementReader, progress: Callable[[int], None]) -
 
     ``progress`` receives the number of rows read so far.
     """
-    found, tried = Description(kind=reader.kind), Counter[str]()
+    found, tried = Description(kind=reader.kind, dimension=reader.dimension), Counter[str]()
     nodes: set[tuple[float, ...]] = set()
     for chunk in reader.chunks():
         progress(reader.report.rows_in_all)
@@ -70,11 +75,13 @@ def description_of(reader: MeasurementReader, progress: Callable[[int], None]) -
         found.repeats += _repeats(chunk)
         found.largest = max(found.largest, int(np.diff(chunk.offsets).max()))
         found.truth.add(chunk, reader)
+        found.spans.add(chunk, reader)
         if tried["tried"] < _ENOUGH_TRIED and np.diff(chunk.offsets).max() <= _LARGEST_SNAPSHOT:
             tried.update(fit_after_changes(chunk, reader))
     report = reader.report
     found.rows, found.bad_rows, found.snapshots = report.rows_taken, report.bad_rows, report.snapshots
     found.sensors = len(nodes) if found.kind == "triplets" else len(reader.sensor_names)
+    found.first_problem = next(map(str, reader.log.first), "")
     measured = Measured.of(reader)
     causes = [] if found.truth.rows else cause_remarks(tried, measured)
     found.suspicions = [
@@ -83,6 +90,7 @@ def description_of(reader: MeasurementReader, progress: Callable[[int], None]) -
         *found.times.suspicions(),
         *found.jumps.suspicions(),
         *found.truth.suspicions(measured),
+        *found.spans.suspicions(measured),
         *map(of_cause, causes),
     ]
     return found
