@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from itertools import combinations
+from math import comb
 
 import numpy as np
 
 from nlosctl.arrays import IntArray, SeedArray
 
-__all__ = ["GOLDEN_RATIO", "random_keys", "random_order", "snapshot_seeds"]
+__all__ = ["GOLDEN_RATIO", "choose_subsets", "random_keys", "random_order", "snapshot_seeds"]
 
 
 GOLDEN_RATIO = np.uint64(0x9E3779B97F4A7C15)
@@ -29,6 +31,23 @@ def random_keys(seed: SeedArray, count: int, stream: int = 0) -> SeedArray:
 def random_order(seed: SeedArray, count: int, stream: int = 0) -> IntArray:
     """Return a random permutation (B, count) of 0 .. count-1 for each seed (B,)."""
     return np.argsort(random_keys(seed, count, stream), axis=1, kind="stable").astype(np.int64)
+
+
+def choose_subsets(seed: SeedArray, count: int, size: int, most: int) -> IntArray:
+    """Return sets of ``size`` of ``count`` rows: all (S, size), or, if those are more than ``most``, (B, most, size).
+
+    The latter are random, with replacement, from each seed (B,).
+    """
+    if comb(count, size) <= most:
+        return np.array(list(combinations(range(count), size)), dtype=np.int64).reshape(-1, size)
+    words = random_keys(seed, size * most).reshape(seed.shape[0], size, most)
+    chosen = np.empty((seed.shape[0], most, size), dtype=np.int64)
+    for n in range(size):
+        index = (words[:, n] % np.uint64(count - n)).astype(np.int64)
+        for taken in np.moveaxis(np.sort(chosen[..., :n], axis=-1), -1, 0):
+            index += index >= taken
+        chosen[..., n] = index
+    return np.sort(chosen, axis=-1)
 
 
 def snapshot_seeds(seed: int, ids: IntArray | Sequence[str]) -> SeedArray:

@@ -198,7 +198,7 @@ class PolygonRegion(RowBlock):
 
 @dataclass(frozen=True)
 class PrismRegion(RowBlock):
-    """Upright prisms in space: a region of the plane between two heights (B,)."""
+    """Upright prisms: a region between two limits (B,) of one more coordinate, in space heights."""
 
     base: Region
     zmin: FloatArray
@@ -211,21 +211,23 @@ class PrismRegion(RowBlock):
 
     @property
     def bounds_m(self) -> tuple[Point, Point]:
-        """The least and the greatest coordinates, three arrays (B,) each."""
+        """The least and the greatest coordinates, D arrays (B,) each."""
         lower, upper = self.base.bounds_m
         return (*lower, self.zmin), (*upper, self.zmax)
 
     def contains(self, *point: FloatArray) -> BoolArray:
         """Return which points are inside, the edge included; false for NaN."""
-        z = point[2]
-        inside: BoolArray = self.base.contains(*point[:2]) & (z >= _beside(self.zmin, z)) & (z <= _beside(self.zmax, z))
+        z = point[-1]
+        inside: BoolArray = (
+            self.base.contains(*point[:-1]) & (z >= _beside(self.zmin, z)) & (z <= _beside(self.zmax, z))
+        )
         return inside
 
     def edge_distance_m(self, *point: FloatArray) -> FloatArray:
         """Return the distance to the edge, negative outside."""
-        z = point[2]
+        z = point[-1]
         beside, within = (
-            self.base.edge_distance_m(*point[:2]),
+            self.base.edge_distance_m(*point[:-1]),
             np.minimum(z - _beside(self.zmin, z), _beside(self.zmax, z) - z),
         )
         outside = np.hypot(np.minimum(beside, 0.0), np.minimum(within, 0.0))

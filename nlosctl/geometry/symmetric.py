@@ -144,6 +144,10 @@ class SymmetricMatrix:
         """Return the matrices with a function applied to each part."""
         return SymmetricMatrix(*map(change, self.parts))
 
+    def leading(self, dimension: int) -> SymmetricMatrix:
+        """Return the leading blocks of ``dimension`` rows and columns."""
+        return SymmetricMatrix(*self.parts[: dimension * (dimension + 1) // 2])
+
     def where(self, condition: BoolArray, other: SymmetricMatrix) -> SymmetricMatrix:
         """Return these matrices where ``condition``, the others elsewhere."""
         pairs = zip(self.parts, other.parts, strict=True)

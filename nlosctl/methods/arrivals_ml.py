@@ -14,15 +14,12 @@ from nlosctl.contract.tables.arrivals import OFFSET
 from nlosctl.models.arrivals import arrival_rows
 from nlosctl.solvers.arrivals.closed_forms import initial_estimates
 from nlosctl.solvers.arrivals.far_field import without_open_distance
-from nlosctl.solvers.arrivals.likelihood import AT_INFINITY, ArrivalProblem
+from nlosctl.solvers.arrivals.likelihood import AT_INFINITY, PLAUSIBLE_NATS, ArrivalProblem
 from nlosctl.solvers.arrivals.pair_estimates import pair_estimates
 from nlosctl.solvers.optimization.two_optima import find_best_two, nearer_first
 from nlosctl.solvers.ranges.optima import estimate_factors, finish_range_fix, with_covariances
 
 __all__ = ["METHOD", "ArrivalOptions", "solve"]
-
-_PLAUSIBLE = 10.0
-"""Half a chi-square of at most this plus two per degree of freedom is that of a good fit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +47,7 @@ def solve(batch: ArrivalBatch, options: ArrivalOptions) -> Solution:
     points = pair_estimates(rows) if rows.of_pairs else initial_estimates(rows)
     plausible = None
     if batch.std == "stated":
-        plausible = _PLAUSIBLE + 2.0 * rows.degrees_of_freedom.astype(np.float64)
+        plausible = PLAUSIBLE_NATS + 2.0 * rows.degrees_of_freedom.astype(np.float64)
     ends = nearer_first(
         *find_best_two(
             ArrivalProblem.of_rows(rows), rows, points, options.max_iterations, plausible, AT_INFINITY * rows.size_m()

@@ -29,7 +29,7 @@ from nlosctl.solvers.mixture.ranked_estimates import (
     ranked_flags,
     ranked_status,
 )
-from nlosctl.solvers.mixture.verdicts import prefer_feasible_modes
+from nlosctl.solvers.mixture.verdicts import is_uncertain, prefer_feasible_modes
 
 __all__ = ["METHOD", "RangeMixtureOptions", "solve"]
 
@@ -94,7 +94,7 @@ def solve(batch: RangeBatch, options: RangeMixtureOptions) -> Solution:
     further = {
         Status.NO_CONSENSUS: (evidence < options.least_evidence) & (batch.measurements > model.always_agree),
         Status.AMBIGUOUS: model.rivalled(fixes, options.ambiguous_within + _FURTHER_NATS),
-        Status.DEGENERATE: model.uncertain(point, fixes.covariance.at(slice(None), 0)),
+        Status.DEGENERATE: is_uncertain(model.circles.distance_m(*point), fixes.covariance.at(slice(None), 0)),
         Status.INFEASIBLE: np.any(model.circles.unseen(*point) & (at_best > 0.5), axis=1),
     }
     kind = "posterior" if options.bias == "positive" else options.covariance

@@ -11,7 +11,7 @@ from nlosctl.contract.fields import BoxField, CircleField, Field, PolygonField
 from nlosctl.geometry.blocks import max_measurements
 from nlosctl.geometry.regions import BoxRegion, CircleRegion, PolygonRegion, PrismRegion, Region
 
-__all__ = ["near_edge", "reach_region", "search_region"]
+__all__ = ["limit_height", "near_edge", "reach_region", "search_region"]
 
 
 def search_region(field: Field, sensors: Point, center: Point) -> Region:
@@ -55,6 +55,16 @@ def near_edge(field: Field, sensors: Point, position_m: FloatArray, share: float
     side = reduce(np.maximum, [most - least for least, most in zip(*region.bounds_m, strict=True)])
     away = (part - middle for part, middle in zip(position_m, center, strict=True))
     return region.on_edge(*away, tolerance_m=share * side)
+
+
+def limit_height(region: Region, z_m: FloatArray, reach_m: FloatArray) -> Region:
+    """Return regions of space (B,) that reach from ``z_m - reach_m`` to ``z_m + reach_m``, where both are finite."""
+    (*lower, bottom), (*upper, top) = region.bounds_m
+    known = np.isfinite(z_m) & np.isfinite(reach_m)
+    zmin, zmax = np.where(known, z_m - reach_m, bottom), np.where(known, z_m + reach_m, top)
+    if isinstance(region, PrismRegion):
+        return PrismRegion(region.base, zmin, zmax)
+    return BoxRegion((*lower, zmin), (*upper, zmax))
 
 
 def _plane_region(field: BoxField | CircleField | PolygonField, center: Point) -> Region:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from nlosctl.arrays import FloatArray
+from nlosctl.contract.batches import ArrivalBatch
 from nlosctl.contract.fields import CircleField
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.scene import LineReflector, PlaneReflector, Scene
@@ -89,6 +90,39 @@ def draw_space_ranges(generator: np.random.Generator, snapshots: int, measuremen
     return Trial(batch=batch, size_m=3.0 * scale)
 
 
+def draw_space_arrivals(
+    generator: np.random.Generator, snapshots: int, measurements: int, fault: str | None, *, with_height: bool
+) -> Trial:
+    """Draw arrivals of one source per snapshot in space, each at another sensor; with a measured height, or without.
+
+    Unequal stds of 0.01 % to 0.1 % of the size, offsets of up to a hundred sizes.
+    """
+    shape = (snapshots, measurements)
+    scale = float(generator.choice(_SCALES_M))
+    sensor, source = _places(generator, shape, scale)
+    if fault == "one point":
+        sensor[:] = sensor[:, :1]
+    if fault == "on one line":
+        sensor[..., 1], sensor[..., 2] = 0.5 * sensor[..., 0], 0.2 * sensor[..., 0]
+    if fault == "far away":
+        source = source * 1e5
+    std = scale * 10.0 ** generator.uniform(-4.0, -3.0, shape)
+    arrival = np.linalg.norm(source - sensor, axis=2) + std * generator.normal(size=shape)
+    batch = ArrivalBatch(
+        dimension=3,
+        field=CircleField(x_m=0.0, y_m=0.0, radius_m=6.0 * scale),
+        seed=np.asarray(generator.integers(0, 2**63, snapshots), dtype=np.uint64),
+        sensor=np.asfortranarray(np.tile(np.arange(measurements), (snapshots, 1)), dtype=np.int64),
+        sensor_xy_m=np.asfortranarray(sensor[..., :2]),
+        sensor_z_m=np.asfortranarray(sensor[..., 2]),
+        arrival_m=np.asfortranarray(arrival - arrival.min(axis=1, initial=np.inf)[:, None]),
+        arrival_std_m=np.asfortranarray(std),
+        origin_m=100.0 * scale * generator.normal(size=snapshots),
+        **(_height(generator, source, scale) if with_height else {}),
+    )
+    return Trial(batch=batch, size_m=3.0 * scale)
+
+
 def _places(generator: np.random.Generator, shape: tuple[int, int], scale: float) -> tuple[FloatArray, FloatArray]:
     """Return sensors (B, K, 3) and sources (B, 1, 3) in a box that is half as high as wide."""
     half = np.array([scale, scale, 0.5 * scale])
@@ -127,6 +161,14 @@ _SPACE_DRAWS: dict[tuple[str, str], tuple[Draw, ...]] = {
     ),
     ("ranges", "localize"): (
         Draw(trial=draw_space_ranges, faults=("one point", "on one line", "do not meet"), directions=()),
+    ),
+    ("arrivals", "localize"): tuple(
+        Draw(
+            trial=partial(draw_space_arrivals, with_height=with_height),
+            faults=("one point", "on one line", "far away"),
+            directions=(),
+        )
+        for with_height in (False, True)
     ),
 }
 """How batches in three dimensions are drawn, by kind of measurement and job."""

@@ -12,13 +12,14 @@ from range_spheres import distances, sphere_batch
 from range_worlds import solve, words
 
 from nlosctl.contract.fields import SensorsField
+from nlosctl.contract.random_streams import choose_subsets
 from nlosctl.contract.result_checks import contract_violation
 from nlosctl.geometry.spheres import cross_spheres
 from nlosctl.methods import ranges_mixture_ml
 from nlosctl.models.ranges.spheres import RangeSpheres, range_rows
 from nlosctl.solvers.mixture.late_ranges import LateRanges
 from nlosctl.solvers.mixture.range_rows import DirectRanges
-from nlosctl.solvers.ranges.sphere_crossings import choose_triples, cross_at_height, cross_triples
+from nlosctl.solvers.ranges.sphere_crossings import cross_at_height, cross_triples
 
 METHOD = ranges_mixture_ml.METHOD
 Array = np.ndarray
@@ -149,15 +150,18 @@ def test_three_spheres_cross_at_their_common_points() -> None:
     np.testing.assert_array_equal(*short)
 
 
-def test_triples_are_all_or_random_of_different_rows() -> None:
-    """All triples where they are few enough, else as many random ones, each of three rows, by the snapshot's seed."""
-    assert choose_triples(np.zeros(2, dtype=np.uint64), 6, 20).shape == (20, 3)
-    some = choose_triples(np.arange(4, dtype=np.uint64), 12, 50)
+def test_subsets_are_all_or_random_of_different_rows() -> None:
+    """All subsets where they are few enough, else as many random ones of different rows, by the snapshot's seed."""
+    assert choose_subsets(np.zeros(2, dtype=np.uint64), 6, 3, 20).shape == (20, 3)
+    some = choose_subsets(np.arange(4, dtype=np.uint64), 12, 3, 50)
     assert some.shape == (4, 50, 3)
     assert (np.diff(some, axis=2) > 0).all()
     assert some.max() == 11
-    np.testing.assert_array_equal(some[2], choose_triples(np.array([2], dtype=np.uint64), 12, 50)[0])
+    np.testing.assert_array_equal(some[2], choose_subsets(np.array([2], dtype=np.uint64), 12, 3, 50)[0])
     assert not np.array_equal(some[0], some[1])
+    four = choose_subsets(np.arange(40, dtype=np.uint64), 7, 4, 30)[..., None] == np.arange(7)
+    assert (four.any(axis=2).sum(axis=2) == 4).all()
+    np.testing.assert_allclose(four.any(axis=2).mean(axis=(0, 1)), 4.0 / 7.0, atol=0.05)
 
 
 def test_crossings_of_rows_are_at_their_ranges() -> None:

@@ -308,3 +308,16 @@ def test_unit_vectors_are_spread_over_the_sphere() -> None:
     np.testing.assert_allclose(vectors @ vectors.T / 20_000, np.eye(3) / 3.0, atol=0.02)
     first = np.array(unit_vectors([np.zeros(1), np.zeros(1)], tuple(part[:1] for part in pole)))[:, 0]
     np.testing.assert_allclose(first, np.array([1.0, -2.0, 0.5]) / np.sqrt(5.25), atol=1e-12)
+
+
+def test_unit_vectors_are_spread_over_four_dimensions() -> None:
+    """Second moments are a quarter, fourth moments those of the sphere; a pole turned about z turns the vectors."""
+    generator = np.random.default_rng(3)
+    uniform = list(generator.random((3, 200_000)))
+    pole = tuple(np.full(200_000, part) for part in (0.6, -0.8, 2.0, 1.0))
+    vectors = np.array(unit_vectors(uniform, pole))
+    np.testing.assert_allclose(np.linalg.norm(vectors, axis=0), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(vectors @ vectors.T / 200_000, 0.25 * np.eye(4), atol=5e-3)
+    np.testing.assert_allclose((vectors**4).mean(axis=1), 1.0 / 8.0, atol=5e-3)
+    turned = np.array(unit_vectors(uniform, (-pole[1], pole[0], pole[2], pole[3])))
+    np.testing.assert_allclose(turned, [-vectors[1], vectors[0], vectors[2], vectors[3]], atol=1e-12)

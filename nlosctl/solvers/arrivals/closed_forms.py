@@ -22,7 +22,7 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.arrivals import ArrivalRows
 from nlosctl.solvers.ranges.squared_ranges import principal_axes
 
-__all__ = ["initial_estimates"]
+__all__ = ["bancroft", "beside_plane", "far_away", "initial_estimates"]
 
 _FAR = 100.0
 _FARTHEST = 1e5
@@ -48,14 +48,14 @@ def initial_estimates(rows: ArrivalRows) -> Points:
     if rows.height is not None:
         square = square - (rows.height / size[:, None]) ** 2
     axes, _ = principal_axes(SymmetricMatrix.gram(*sensor))
-    points = _bancroft(sensor, arrival, square, weight)
+    points = [point[:-1] for point in bancroft(sensor, arrival, square, weight)]
     points += [_mirror(point, axes[-1]) for point in points]
-    points += _beside_plane(sensor, arrival, square, weight, axes)
-    points += [_far_away(sensor, arrival, weight)]
+    points += [point[:-1] for point in beside_plane(sensor, arrival, square, weight, axes)]
+    points += [far_away(sensor, arrival, weight)]
     if rows.level is not None:
         z = np.where(rows.level.known, rows.level.z_m, np.nan) / size
         lower = square - (sensor[2] - z[:, None]) ** 2
-        points += [(*point, z) for point in _bancroft(sensor[:2], arrival, lower, weight)]
+        points += [(*point[:-1], z) for point in bancroft(sensor[:2], arrival, lower, weight)]
         points += [(*point[:2], z) for point in points[:7]]
     return [_within(point, size) for point in points]
 
@@ -67,8 +67,11 @@ def _within(point: tuple[FloatArray, ...], size: FloatArray) -> tuple[FloatArray
         return tuple(np.where(near, part * size, np.nan) for part in point)
 
 
-def _bancroft(sensor: Sequence[FloatArray], arrival: FloatArray, square: FloatArray, weight: FloatArray) -> Points:
-    """Return the two points with q = |x|^2 - c^2; where no real q exists, twice that of the nearest."""
+def bancroft(sensor: Sequence[FloatArray], arrival: FloatArray, square: FloatArray, weight: FloatArray) -> Points:
+    """Return the two points (x, c), D + 1 arrays (B,), with q = |x|^2 - c^2; without a real q twice the nearest.
+
+    ``sensor`` are D arrays (B, K), ``square`` (B, K) is t^2 - h^2, ``weight`` (B, K) that of each row.
+    """
     root = np.sqrt(weight)
     columns = [*(-2.0 * root * part for part in sensor), 2.0 * root * arrival]
     right = root * (square - _sum([part * part for part in sensor]))
@@ -81,17 +84,20 @@ def _bancroft(sensor: Sequence[FloatArray], arrival: FloatArray, square: FloatAr
         c = _minkowski(base, base)
         root = np.sqrt(np.maximum(b * b - 4.0 * a * c, 0.0))
         k = -0.5 * (b + np.where(b < 0.0, -root, root))
-        return [tuple(one - q * other for one, other in zip(base[:-1], lean, strict=False)) for q in (c / k, k / a)]
+        return [tuple(one - q * other for one, other in zip(base, lean, strict=True)) for q in (c / k, k / a)]
 
 
-def _beside_plane(
+def beside_plane(
     sensor: Sequence[FloatArray],
     arrival: FloatArray,
     square: FloatArray,
     weight: FloatArray,
     axes: Sequence[Sequence[FloatArray]],
 ) -> Points:
-    """Return the two points at either side of the plane (line) of the sensors, which need not be exactly in it."""
+    """Return the two points (x, c) at either side of the plane (line) of the sensors, which need not be exactly in it.
+
+    Arguments as of `bancroft`; ``axes`` are the unit vectors of the sensors' principal axes, the normal last.
+    """
     flat = [_sum([part * along[:, None] for part, along in zip(sensor, axis, strict=True)]) for axis in axes[:-1]]
     root = np.sqrt(weight)
     columns = [*(-2.0 * root * part for part in flat), 2.0 * root * arrival, root]
@@ -102,16 +108,22 @@ def _beside_plane(
         squared = q + offset * offset - _sum([part * part for part in place])
         aside = np.sqrt(np.maximum(squared, 0.0))
         return [
-            tuple(
-                _sum([axis[i] * part for axis, part in zip(axes, (*place, side), strict=True)])
-                for i in range(len(axes))
+            (
+                *(
+                    _sum([axis[i] * part for axis, part in zip(axes, (*place, side), strict=True)])
+                    for i in range(len(axes))
+                ),
+                offset,
             )
             for side in (aside, -aside)
         ]
 
 
-def _far_away(sensor: Sequence[FloatArray], arrival: FloatArray, weight: FloatArray) -> tuple[FloatArray, ...]:
-    """Return points at a hundred array sizes in the direction from which a plane wave fits the arrivals best."""
+def far_away(sensor: Sequence[FloatArray], arrival: FloatArray, weight: FloatArray) -> tuple[FloatArray, ...]:
+    """Return points at a hundred array sizes in the direction from which a plane wave fits the arrivals best.
+
+    ``sensor`` are D arrays (B, K) in array sizes; the ``weight`` (B, K) of a snapshot's rows sums to 1.
+    """
     root = np.sqrt(weight)
     middle = [root * (part - sum_products(weight, part)[:, None]) for part in sensor]
     with ignoring_overflow():

@@ -9,13 +9,14 @@ from itertools import product
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, ignoring_invalid, ignoring_overflow
-from nlosctl.geometry.blocks import rows_of, sum_products
+from nlosctl.geometry.blocks import rows_of, sum_measurements, sum_products
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.arrivals import ArrivalRows
-from nlosctl.solvers.arrivals.likelihood import AT_INFINITY, ArrivalProblem
+from nlosctl.solvers.arrivals.closed_forms import far_away
+from nlosctl.solvers.arrivals.likelihood import AT_INFINITY, PLAUSIBLE_NATS, ArrivalProblem
 from nlosctl.solvers.ranges.paired_estimates import RangeOptimum
 
-__all__ = ["distance_is_open", "without_open_distance"]
+__all__ = ["are_plane_waves", "distance_is_open", "without_open_distance"]
 
 _STEPS = 5
 
@@ -76,23 +77,40 @@ def _may_be_open(rows: ArrivalRows, *point: FloatArray) -> BoolArray:
 def _is_open(rows: ArrivalRows, *point: FloatArray) -> BoolArray:
     problem, far_m = ArrivalProblem.of_rows(rows), AT_INFINITY * rows.size_m()
     with ignoring_overflow():
-        unit = _likeliest(problem, far_m, _normalized(point))
-        for _ in range(_STEPS):
-            at = problem.evaluate(*(part * far_m for part in unit))
-            across = _across(unit)
-            steps = []
-            for tangent in across:
-                curve = at.hessian.quadratic_form(*tangent)
-                steps.append(np.where(curve > 0.0, -_dot(tangent, at.gradient) / (curve * far_m), 0.0))
-            turned = tuple(
-                part + sum(step * tangent[axis] for step, tangent in zip(steps, across, strict=True))
-                for axis, part in enumerate(unit)
-            )
-            unit = _normalized(turned)
-        wave = problem.evaluate(*(part * far_m for part in unit)).cost
+        wave = _wave_cost(problem, far_m, _likeliest(problem, far_m, _normalized(point)))
         fix = problem.evaluate(*point).cost
     with ignoring_invalid():
         return np.asarray(wave - fix <= _LEAST_NATS)
+
+
+def are_plane_waves(rows: ArrivalRows) -> BoolArray:
+    """Return in which snapshots (B,), of more rows than unknowns, a plane wave explains all arrivals."""
+    size = rows.size_m()
+    weight = 1.0 / (rows.std_m * rows.std_m)
+    weight = weight / sum_measurements(weight)[:, None]
+    with ignoring_overflow():
+        unit = _normalized(far_away([part / size[:, None] for part in rows.sensor], rows.arrival_m, weight))
+        wave = _wave_cost(ArrivalProblem.of_rows(rows), AT_INFINITY * size, unit)
+    with ignoring_invalid():
+        plausible: BoolArray = wave <= PLAUSIBLE_NATS + 2.0 * rows.degrees_of_freedom
+    return plausible & (rows.degrees_of_freedom > 0)
+
+
+def _wave_cost(problem: ArrivalProblem, far_m: FloatArray, unit: tuple[FloatArray, ...]) -> FloatArray:
+    """Return the cost (B,) of points at a distance, turned from the direction of unit vectors by Newton steps."""
+    for _ in range(_STEPS):
+        at = problem.evaluate(*(part * far_m for part in unit))
+        across = _across(unit)
+        steps = []
+        for tangent in across:
+            curve = at.hessian.quadratic_form(*tangent)
+            steps.append(np.where(curve > 0.0, -_dot(tangent, at.gradient) / (curve * far_m), 0.0))
+        turned = tuple(
+            part + sum(step * tangent[axis] for step, tangent in zip(steps, across, strict=True))
+            for axis, part in enumerate(unit)
+        )
+        unit = _normalized(turned)
+    return problem.evaluate(*(part * far_m for part in unit)).cost
 
 
 def _likeliest(problem: ArrivalProblem, far_m: FloatArray, unit: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:

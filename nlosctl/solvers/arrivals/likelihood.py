@@ -12,10 +12,13 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.arrivals import ArrivalRows
 from nlosctl.solvers.optimization.problem import Evaluation
 
-__all__ = ["AT_INFINITY", "ArrivalProblem", "SquaredDifferenceProblem"]
+__all__ = ["AT_INFINITY", "PLAUSIBLE_NATS", "ArrivalProblem", "SquaredDifferenceProblem"]
 
 _LEAST_SHARE = 0.01
 """Newton's matrix is trusted when its determinant is at least this share of Gauss-Newton's."""
+
+PLAUSIBLE_NATS = 10.0
+"""Half a chi-square of at most this plus two per degree of freedom is that of a good fit."""
 
 AT_INFINITY = 1e3
 """A descent that ends this many array sizes away is on its way to a plane wave."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import reduce
 from math import log, pi, tau
@@ -9,7 +10,7 @@ from math import log, pi, tau
 import numpy as np
 from scipy.special import ndtr
 
-from nlosctl.arrays import BoolArray, FloatArray, Point, ignoring_division, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_division, ignoring_overflow
 from nlosctl.geometry.blocks import rows_of, sum_measurements
 from nlosctl.geometry.eigensystems import eigensystem
 from nlosctl.geometry.regions import Region
@@ -17,7 +18,6 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.bearings.space_row_terms import DirectDirections
 from nlosctl.solvers.mixture.initial_estimates import Mode
 from nlosctl.solvers.mixture.likelihood import Mixture
-from nlosctl.solvers.mixture.outlier_model import OutlierModel
 from nlosctl.solvers.mixture.ranked_estimates import Misfit, RankedFixes
 from nlosctl.solvers.optimization.problem import RowDerivatives
 
@@ -30,6 +30,7 @@ __all__ = [
     "outlier_gain",
     "rival_mass",
     "shared_outliers_mass",
+    "volume_with",
 ]
 
 _BEYOND_EDGE = 2.0
@@ -238,31 +239,30 @@ class Rival:
 
 
 def find_rival(
-    model: OutlierModel,
+    mixture: Mixture,
     outside: Mode,
     fixes: RankedFixes,
     probability: FloatArray,
     *,
+    is_convincing: Callable[[IntArray, FloatArray], BoolArray],
     at_boundary: BoolArray,
-    unordered: BoolArray | None,
-    ambiguous_rows: int,
-    least_evidence: float,
-    gain: float,
+    margin: float = 0.0,
+    unordered: BoolArray | None = None,
+    ambiguous_rows: int = 0,
 ) -> Rival:
     """Return where the mode ``outside`` (B,) the search region beats the best fix inside: it is more likely.
 
-    It must also have the evidence that a fix needs, in a region so large that it is inside. In ``unordered`` (B,)
-    snapshots, where mirror images are as likely as the source, it needs more than ``ambiguous_rows`` more rows than the
-    best fix; a fix at the edge of the region stays if the mode outside is about as likely.
+    By more than ``margin`` nats; a fix at the edge of the region stays if the mode outside is about as likely.
+    ``is_convincing(rows, probability)`` returns which modes outside of some snapshots (N,), where each row is direct
+    with a probability (N, K), also have the evidence that a fix needs, in a region so large that they are inside. In
+    ``unordered`` (B,) snapshots, where mirror images are as likely as the source, the mode needs more than
+    ``ambiguous_rows`` more rows than the best fix.
     """
-    margin = np.where(at_boundary, _BEYOND_EDGE, 0.0)
-    rows = np.flatnonzero(outside.cost < fixes.cost[:, 0] - margin)
-    mixture, point, cost = model.mixture.take(rows), rows_of(outside.point, rows), outside.cost[rows]
-    own, _ = mixture.responsibilities(*point)
+    rows = np.flatnonzero(outside.cost < fixes.cost[:, 0] - np.where(at_boundary, _BEYOND_EDGE, margin))
+    point, cost = rows_of(outside.point, rows), outside.cost[rows]
+    own, _ = mixture.take(rows).responsibilities(*point)
     count = np.count_nonzero(own > 0.5, axis=1)
-    volume = _volume_with(model.region.take(rows), point)
-    evidence = log_evidence(mixture, cost, own, outside.hessian.take(rows), volume, gain)
-    wins = (count > 0) & (evidence >= least_evidence)
+    wins = (count > 0) & is_convincing(rows, own)
     if unordered is not None:
         wins &= ~unordered[rows] | (count > fixes.n_used[rows, 0] + ambiguous_rows)
     rows, own, count, cost = rows[wins], own[wins], count[wins], cost[wins]
@@ -276,14 +276,14 @@ def find_rival(
     for column, values in zip(columns, (cost, *point), strict=True):
         column[rows, 0] = values
     misfit = Misfit(fixes.misfit.chi_square.copy(), fixes.misfit.degrees_of_freedom.copy())
-    misfit.put((rows, np.zeros_like(rows)), model.mixture.take(rows), point, own > 0.5)
+    misfit.put((rows, np.zeros_like(rows)), mixture.take(rows), point, own > 0.5)
     probability = probability.copy(order="F")
     probability[rows] = own
     fixes = replace(fixes, cost=columns[0], n_used=n_used, point=tuple(columns[1:]), misfit=misfit)
     return Rival(better, fixes, probability)
 
 
-def _volume_with(region: Region, point: Point) -> FloatArray:
+def volume_with(region: Region, point: Point) -> FloatArray:
     """Return the volumes (B,) of cubes about the middles of the regions that reach to points (B,)."""
     bounds = zip(point, *region.bounds_m, strict=True)
     sides = [2.0 * np.abs(part - 0.5 * (least + most)) for part, least, most in bounds]

@@ -7,8 +7,9 @@ from math import exp, radians
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, StatusArray
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray
 from nlosctl.contract.statuses import Status
+from nlosctl.geometry.blocks import rows_of
 from nlosctl.solvers.bearings.space_row_terms import DirectDirections
 from nlosctl.solvers.mixture.consensus import (
     find_rival,
@@ -17,6 +18,7 @@ from nlosctl.solvers.mixture.consensus import (
     outlier_gain,
     rival_mass,
     shared_outliers_mass,
+    volume_with,
 )
 from nlosctl.solvers.mixture.initial_estimates import Mode
 from nlosctl.solvers.mixture.outlier_model import OutlierModel
@@ -82,15 +84,16 @@ def judge_robust_fixes(
     unordered = groups.unordered(options.path_prior)
     if outside is not None:
         rival = find_rival(
-            model,
+            model.mixture,
             outside.mode,
             fixes,
             probability,
+            is_convincing=lambda rows, own: (
+                _evidence_outside(model, outside.mode, rows, own, gain) >= options.least_evidence
+            ),
             at_boundary=found.at_boundary,
             unordered=unordered,
             ambiguous_rows=options.ambiguous_rows,
-            least_evidence=options.least_evidence,
-            gain=gain,
         )
         fixes, probability, further[Status.OUTSIDE_FIELD] = rival.fixes, rival.probability, rival.better
         used = np.where(rival.better[:, None], probability > 0.5, used)
@@ -108,6 +111,14 @@ def judge_robust_fixes(
         mark_behind(status, model.crossing_lines)
     status[too_few] = Status.TOO_FEW
     return Judgement(status, fixes, probability, used)
+
+
+def _evidence_outside(
+    model: OutlierModel, mode: Mode, rows: IntArray, probability: FloatArray, gain: float
+) -> FloatArray:
+    """Return the `log_evidence` (N,) of modes outside the search region of some snapshots, which is enlarged."""
+    volume = volume_with(model.region.take(rows), rows_of(mode.point, rows))
+    return log_evidence(model.mixture.take(rows), mode.cost[rows], probability, mode.hessian.take(rows), volume, gain)
 
 
 def _beside_likelihood(

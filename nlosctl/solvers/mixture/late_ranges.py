@@ -31,7 +31,7 @@ from nlosctl.models.ranges.spheres import RangeRows
 from nlosctl.solvers.optimization.problem import RowDerivatives
 from nlosctl.solvers.ranges.rings import ring_density, sample_ring
 
-__all__ = ["LateRanges"]
+__all__ = ["ExcessTerms", "LateRanges", "mills_ratio"]
 
 _LEAST_BIAS = 0.5
 _LARGEST_BIAS = 25.0
@@ -46,7 +46,7 @@ _LOG_LATE = 0.5 * log(2.0 * pi) + log(1.0 - _STRAY_SHARE)
 _LOG_UNKNOWN = _LOG_LATE - log(log1p(_LARGEST_BIAS / _LEAST_BIAS))
 
 
-class _Radial(NamedTuple):
+class ExcessTerms(NamedTuple):
     """A function (B,) of the excess of a range, its first two derivatives, and a scale for steps that is positive.
 
     The last is that part of the second derivative that is never negative, plus the squared slope of late ranges.
@@ -138,8 +138,8 @@ class LateRanges(RowBlock):
         scaled = (circles.range_m[:, k] - path.length_m) * precision
         value, slope, bend, least_bend = self._outlier(k, scaled)
         squared = precision * precision
-        outlier = _Radial(value, slope * precision, bend * squared, least_bend * squared)
-        ratio = _Radial(
+        outlier = ExcessTerms(value, slope * precision, bend * squared, least_bend * squared)
+        ratio = ExcessTerms(
             0.5 * scaled * scaled - value,
             (scaled - slope) * precision,
             (1.0 - bend) * squared,
@@ -156,7 +156,7 @@ class LateRanges(RowBlock):
         share: FloatArray = -np.expm1(-self._log_outlier(k, scaled))
         if self.mean_m is not None:
             scaled -= std / self.mean_m
-        return share, std * np.maximum(scaled + _mills(scaled), 0.0)
+        return share, std * np.maximum(scaled + mills_ratio(scaled), 0.0)
 
     def _scaled(self, k: int, *point: FloatArray) -> FloatArray:
         """Return the excess of row ``k`` over the distance of points (B, P), in standard deviations."""
@@ -166,7 +166,7 @@ class LateRanges(RowBlock):
     def _log_outlier(self, k: int, scaled: FloatArray) -> FloatArray:
         """Return the logarithm (B, P) of the density of row ``k`` as an outlier, in units of a stray's."""
         if self.mean_m is None:
-            late = log_ndtr(scaled) + _LOG_UNKNOWN - np.log(scaled + _mills(scaled) + _LEAST_BIAS)
+            late = log_ndtr(scaled) + _LOG_UNKNOWN - np.log(scaled + mills_ratio(scaled) + _LEAST_BIAS)
         else:
             ratio = self.circles.std_m[:, k, None] / self.mean_m
             late = log_ndtr(scaled - ratio) + np.log(ratio) + _LOG_LATE - ratio * (scaled - 0.5 * ratio)
@@ -175,20 +175,20 @@ class LateRanges(RowBlock):
         logarithm: FloatArray = np.log1p(late, out=late)
         return logarithm
 
-    def _outlier(self, k: int, scaled: FloatArray) -> _Radial:
+    def _outlier(self, k: int, scaled: FloatArray) -> ExcessTerms:
         """Return the negative logarithm (B,) of that density, and its derivatives by ``scaled``."""
         late = self._late(k, scaled)
         density = np.exp(-late.value)
         share = density / (density + self.stray[:, k])
         slope = share * late.slope
         bend = share * (late.bend - late.slope * late.slope) + slope * slope
-        return _Radial(-np.log1p(density / self.stray[:, k]), slope, bend, share * late.least_bend)
+        return ExcessTerms(-np.log1p(density / self.stray[:, k]), slope, bend, share * late.least_bend)
 
-    def _late(self, k: int, scaled: FloatArray) -> _Radial:
+    def _late(self, k: int, scaled: FloatArray) -> ExcessTerms:
         """Return the same for the density of a late row, times std sqrt(2 pi)."""
         ratio = np.zeros_like(scaled) if self.mean_m is None else self.circles.std_m[:, k] / self.mean_m
         shifted = scaled - ratio
-        log_below, mills = log_ndtr(shifted), _mills(shifted)
+        log_below, mills = log_ndtr(shifted), mills_ratio(shifted)
         mean = shifted + mills
         bend = np.maximum(mills * mean, 0.0)  # minus the derivative of mills
         if self.mean_m is not None:
@@ -199,10 +199,10 @@ class LateRanges(RowBlock):
             relative = (1.0 - bend) * inverse
             value, slope = np.log(mean + _LEAST_BIAS) - log_below - _LOG_UNKNOWN, relative - mills
             exact = bend + (bend * (mean + mills) - mills) * inverse - relative * relative
-        return _Radial(value, slope, exact, bend + np.maximum(slope, 0.0) ** 2)
+        return ExcessTerms(value, slope, exact, bend + np.maximum(slope, 0.0) ** 2)
 
 
-def _mills(scaled: FloatArray) -> FloatArray:
+def mills_ratio(scaled: FloatArray) -> FloatArray:
     """Return the inverse Mills ratio phi / Phi."""
     mills: FloatArray = sqrt(2.0 / pi) / erfcx(-sqrt(0.5) * scaled)
     return mills

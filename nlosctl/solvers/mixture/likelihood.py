@@ -118,7 +118,7 @@ class Mixture(RowBlock):
         if ratios is not None:
             logarithm += ratios[1]
         if self.height is not None:
-            scaled = self.height.scaled_residual(*point)
+            scaled = self.height.scaled_residual(*point[:3])
             logarithm += 0.5 * scaled * scaled
         return logarithm
 
@@ -179,7 +179,8 @@ class Mixture(RowBlock):
     def height_terms(self, *point: FloatArray) -> RowDerivatives:
         """Return half the chi-square of the measured height at points (B,) in space, and its derivatives."""
         assert self.height is not None  # noqa: S101 - asked for where a height is measured
-        scaled, slopes = self.height.scaled_residual(*point), self.height.scaled_slopes(*point)
+        scaled, slopes = self.height.scaled_residual(*point[:3]), self.height.scaled_slopes(*point[:3])
+        slopes = (*slopes, *(np.zeros(scaled.shape) for _ in point[3:]))
         gauss = SymmetricMatrix.outer(*slopes)
         return RowDerivatives(0.5 * scaled * scaled, tuple(scaled * slope for slope in slopes), gauss, gauss)
 

@@ -16,9 +16,9 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.fields import SensorsField
 from nlosctl.errors import UsageError
 from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
-from nlosctl.geometry.regions import BoxRegion, PrismRegion, Region, box_diagonal
+from nlosctl.geometry.regions import Region, box_diagonal
 from nlosctl.models.measured_height import MeasuredHeight
-from nlosctl.models.search_regions import reach_region, search_region
+from nlosctl.models.search_regions import limit_height, reach_region, search_region
 from nlosctl.models.sight import bearing_lines, has_geodesics
 from nlosctl.models.space.geodesic_lines import GeodesicLines, geodesics_about_sensors
 from nlosctl.models.space.lines import SpaceLines
@@ -207,15 +207,8 @@ def _region(batch: BearingBatch, lines: Any, ranges: tuple[FloatArray, FloatArra
     height = lines.height if isinstance(lines, SpaceLines) else None
     if not isinstance(height, MeasuredHeight):
         return region
-    lower, upper = region.bounds_m
     with ignoring_division():
-        reach = _HEIGHT_STANDARD_DEVIATIONS / height.inverse_std
-    zmin, zmax = (
-        np.where(height.known, *pair) for pair in ((height.z_m - reach, lower[2]), (height.z_m + reach, upper[2]))
-    )
-    if isinstance(region, PrismRegion):
-        return PrismRegion(region.base, zmin, zmax)
-    return BoxRegion((*lower[:2], zmin), (*upper[:2], zmax))
+        return limit_height(region, height.z_m, _HEIGHT_STANDARD_DEVIATIONS / height.inverse_std)
 
 
 def _volume(lines: Any, region: Region) -> FloatArray:

@@ -114,9 +114,9 @@ def sort_rows(values: npt.NDArray[ScalarT], groups: PathGroups) -> npt.NDArray[S
     return np.asfortranarray(np.take_along_axis(values, indices, axis=1))
 
 
-def restore_rows(values: npt.NDArray[ScalarT], groups: PathGroups) -> npt.NDArray[ScalarT]:
-    """Return values (B, K) of a grouped batch in the file's order."""
-    if groups.order is None:
+def restore_rows(values: npt.NDArray[ScalarT], groups: PathGroups | None) -> npt.NDArray[ScalarT]:
+    """Return values (B, K) of a grouped batch in the file's order; ``groups`` is None without competing rows."""
+    if groups is None or groups.order is None:
         return values
     restored = np.empty_like(values)
     np.put_along_axis(restored, groups.order, values, axis=1)

@@ -39,7 +39,7 @@ MOST_POINTS = 4096
 _LEAST_SHARE = 0.01
 """A component has at least this share of the points; those of a tenth of it have none."""
 
-_RATIOS = {2: 1.3247179572447460, 3: 1.2207440846057596}
+_RATIOS = {2: 1.3247179572447460, 3: 1.2207440846057596, 4: 1.1673039782614187}
 """The points of the sequence of D dimensions have the fractional parts of j / g, j / g^2 ... as coordinates; g is the
 positive root of g^(D + 1) = g + 1."""
 
@@ -118,7 +118,7 @@ class Proposal(RowBlock):
         unit = (_FREEDOM * pi) ** (0.5 * dimension) * gamma(0.5 * _FREEDOM) / gamma(0.5 * (_FREEDOM + dimension))
         steep = across * across * across
         if dimension > 2:
-            steep *= np.sqrt(across)
+            steep *= np.sqrt(across) if dimension == 3 else across
         density: FloatArray = (share / reduce(np.multiply, axes.lengths, unit))[:, None] / steep
         return density
 
@@ -173,12 +173,17 @@ def unit_vectors(uniform: Sequence[FloatArray], pole: Point | None = None) -> Po
     """Return unit vectors (N,) from D - 1 uniform numbers each, equally distributed over all directions.
 
     Numbers near zero give vectors near the ``pole`` (N,), in the plane on its left; by default the first axis, in space
-    the third. A pole that turns about the third axis turns the vectors.
+    the third. A pole that turns about the third axis turns the vectors; of four dimensions only its first two
+    coordinates count.
     """
     if len(uniform) == 1:
         angle = 2.0 * np.pi * uniform[0]
         angle = angle if pole is None else np.arctan2(pole[1], pole[0]) + angle
         return np.cos(angle), np.sin(angle)
+    if len(uniform) == 3:  # the squared length of the first two coordinates is uniform
+        flat, rest = np.sqrt(1.0 - uniform[0]), np.sqrt(uniform[0])
+        pairs = unit_vectors(uniform[1:2], pole), unit_vectors(uniform[2:])
+        return *(flat * part for part in pairs[0]), *(rest * part for part in pairs[1])
     height, turn = 1.0 - 2.0 * uniform[0], 2.0 * np.pi * uniform[1]
     across = np.sqrt(1.0 - height * height)
     local = across * np.cos(turn), across * np.sin(turn), height

@@ -8,11 +8,12 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.batches import RangeBatch
+from nlosctl.contract.random_streams import choose_subsets
 from nlosctl.models.ranges.spheres import RangeSpheres
 from nlosctl.solvers.bearings.ray_crossings import Candidates, choose_pairs
 from nlosctl.solvers.mixture.range_rows import RangeOutlierModel
 from nlosctl.solvers.ranges.circle_crossings import MOST_CROSSINGS, cross_circle_pairs
-from nlosctl.solvers.ranges.sphere_crossings import choose_triples, cross_at_height, cross_triples
+from nlosctl.solvers.ranges.sphere_crossings import cross_at_height, cross_triples
 
 __all__ = ["RangeCandidates"]
 
@@ -39,7 +40,7 @@ class RangeCandidates:
         first, second = choose_pairs(batch.seed, batch.measurements, max_pairs)
         triples = None
         if isinstance(rows, RangeSpheres):
-            triples = choose_triples(batch.seed, batch.measurements, max_pairs)
+            triples = choose_subsets(batch.seed, batch.measurements, 3, max_pairs)
         return cls(model, first, second, triples, rows.single_origin() | (rows.degrees_of_freedom < 0))
 
     @property

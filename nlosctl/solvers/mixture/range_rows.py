@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_division, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_division
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.fields import SensorsField
 from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
-from nlosctl.geometry.regions import Ball, BoxRegion, Region, box_diagonal
+from nlosctl.geometry.regions import Ball, Region, box_diagonal
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.ranges.spheres import RangeRows, RangeSpheres, range_rows
-from nlosctl.models.search_regions import reach_region, search_region
+from nlosctl.models.search_regions import limit_height, reach_region, search_region
 from nlosctl.solvers.mixture.consensus import bonus_of_agreement, log_evidence, rival_mass
 from nlosctl.solvers.mixture.late_ranges import LateRanges
 from nlosctl.solvers.mixture.likelihood import Mixture
@@ -28,9 +28,6 @@ from nlosctl.solvers.ranges.rings import ring_density, sample_ring
 
 __all__ = ["BiasLaw", "DirectRanges", "RangeOutlierModel", "grouped_ranges", "range_outlier_model"]
 
-
-_ON_SENSOR = 1e-6
-"""A fix this near to a sensor, relative to the farthest one, is on it."""
 
 _PLAUSIBLE_SHARE = 0.25
 """The share of the default search region, which is generous, in which a source is expected."""
@@ -165,15 +162,6 @@ class RangeOutlierModel:
         longest = np.maximum(max_measurements(self.circles.range_m), np.finfo(np.float64).tiny)
         return np.asarray(np.minimum(np.exp(self.log_density) * longest, 1.0))
 
-    def uncertain(self, point: Point, covariance: SymmetricMatrix) -> BoolArray:
-        """Return which fixes (B,) are degenerate: on a sensor, or a standard deviation beyond the farthest."""
-        distance = self.circles.distance_m(*point)
-        farthest, nearest = max_measurements(distance), -max_measurements(-distance)
-        with ignoring_overflow():
-            uncertain: BoolArray = ~((covariance.trace > 0.0) & (covariance.trace <= farthest * farthest))
-            uncertain |= nearest < _ON_SENSOR * farthest
-        return uncertain
-
 
 def grouped_ranges(batch: RangeBatch) -> tuple[RangeBatch, PathGroups]:
     """Return the batch with the numbered paths of each sensor next to each other, and its groups in the file's order.
@@ -251,11 +239,4 @@ def _region(batch: RangeBatch, rows: RangeRows) -> Region:
     if rows.level is None:
         return region
     with ignoring_division():
-        reach_m = _HEIGHT_STDS / rows.level.inverse_std
-    lower, upper = region.bounds_m
-    known = rows.level.known
-    zmin, zmax = (
-        np.where(known, rows.level.z_m - reach_m, lower[2]),
-        np.where(known, rows.level.z_m + reach_m, upper[2]),
-    )
-    return BoxRegion((*lower[:2], zmin), (*upper[:2], zmax))
+        return limit_height(region, rows.level.z_m, _HEIGHT_STDS / rows.level.inverse_std)

@@ -149,11 +149,18 @@ def ranked_status(
     return status
 
 
-def ranked_estimates(fixes: RankedFixes, status: StatusArray, rows: Any, covariance_kind: str) -> Estimates:
+def ranked_estimates(
+    fixes: RankedFixes,
+    status: StatusArray,
+    rows: Any,
+    covariance_kind: str,
+    columns: Mapping[str, FloatArray] | None = None,
+) -> Estimates:
     """Return the estimates: every fix of a snapshot that has an answer, the most likely first; else its status.
 
     The fixes are about the local origins of the measured ``rows`` (B, K), which have the frame as well, and a height
-    that is exactly known. A position without a covariance is alone.
+    that is exactly known. ``columns`` (B, T) are further ones of fixes with a covariance. A position without one is
+    alone.
     """
     written = np.isfinite(fixes.cost) & has_position(status)[:, None] & _sound(fixes.covariance)
     written &= has_covariance(status)[:, None]
@@ -173,6 +180,9 @@ def ranked_estimates(fixes: RankedFixes, status: StatusArray, rows: Any, covaria
         covariance_kind=covariance_kind,
         chi_square=fixes.misfit.chi_square[at],
         degrees_of_freedom=fixes.misfit.degrees_of_freedom[at],
+        columns={
+            name: np.where(has_covariance(status[row]), values[at], np.nan) for name, values in (columns or {}).items()
+        },
     )
 
 
@@ -186,12 +196,16 @@ def _sound(covariance: SymmetricMatrix) -> BoolArray:
 
 
 def ranked_flags(
-    status: StatusArray, groups: PathGroups, used: BoolArray, probability: FloatArray, numbers: Mapping[str, FloatArray]
+    status: StatusArray,
+    groups: PathGroups | None,
+    used: BoolArray,
+    probability: FloatArray,
+    numbers: Mapping[str, FloatArray],
 ) -> Flags:
     """Return the flags of the best fix, which uses the rows ``used`` (B, K), with columns of numbers (B, K).
 
-    ``los`` is whether a row's probability (B, K) to be direct exceeds a half. The input is in the order of the groups,
-    the result in that of the file. A snapshot without a position uses no row and has no values;
+    ``los`` is whether a row's probability (B, K) to be direct exceeds a half. The input is in the order of the groups
+    (None: of the file), the result in that of the file. A snapshot without a position uses no row and has no values;
     without a consensus there is no source that a row may be direct from.
     """
     answered = has_position(status)[:, None]

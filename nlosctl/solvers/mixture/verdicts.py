@@ -10,6 +10,7 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, Point, StatusArray, ignoring_overflow
 from nlosctl.contract.results import is_fix
 from nlosctl.contract.statuses import Status
+from nlosctl.geometry.blocks import max_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.sight import Sight
@@ -17,7 +18,10 @@ from nlosctl.solvers.bearings.fix_status import mark_crossings_behind
 from nlosctl.solvers.mixture.modes import Modes
 from nlosctl.solvers.mixture.range_rows import RangeOutlierModel
 
-__all__ = ["mark_behind", "near_sensor", "prefer_feasible_modes", "verdicts"]
+__all__ = ["is_uncertain", "mark_behind", "near_sensor", "prefer_feasible_modes", "verdicts"]
+
+_ON_SENSOR = 1e-6
+"""A fix this near to a sensor, relative to the farthest one, is on it."""
 
 _NEAR = 3.0
 """A point is near a sensor up to this many times the distance from which a row can be direct."""
@@ -39,6 +43,18 @@ def verdicts(lines: Any, point: Point, covariance: SymmetricMatrix, direct: Bool
     if under.any():
         hidden |= direct.any(axis=1) & ~(direct & ~under).any(axis=1)
     return {Status.INFEASIBLE: hidden, Status.DEGENERATE: uncertain}
+
+
+def is_uncertain(distance_m: FloatArray, covariance: SymmetricMatrix) -> BoolArray:
+    """Return which fixes (B,) at distances (B, K) from the sensors are degenerate.
+
+    They are on a sensor, or a standard deviation is beyond the farthest.
+    """
+    farthest, nearest = max_measurements(distance_m), -max_measurements(-distance_m)
+    with ignoring_overflow():
+        uncertain: BoolArray = ~((covariance.trace > 0.0) & (covariance.trace <= farthest * farthest))
+        uncertain |= nearest < _ON_SENSOR * farthest
+    return uncertain
 
 
 def near_sensor(lines: Any, point: Point, minimum_range_m: FloatArray) -> BoolArray:

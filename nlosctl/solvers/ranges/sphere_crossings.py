@@ -2,33 +2,14 @@
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import numpy as np
 
-from nlosctl.arrays import FloatArray, IntArray, Point, SeedArray
-from nlosctl.contract.random_streams import random_keys
+from nlosctl.arrays import FloatArray, IntArray, Point
 from nlosctl.geometry.circles import cross_circles
 from nlosctl.geometry.spheres import cross_spheres
 from nlosctl.models.ranges.spheres import RangeSpheres
 
-__all__ = ["choose_triples", "cross_at_height", "cross_triples"]
-
-
-def choose_triples(seed: SeedArray, count: int, most: int) -> IntArray:
-    """Return the triples of ``count`` rows to try: all (T, 3), or, where there are more than ``most``, (B, most, 3).
-
-    Those are random, with replacement, from each snapshot's own seed.
-    """
-    if count * (count - 1) * (count - 2) // 6 <= most:
-        return np.array(list(combinations(range(count), 3)), dtype=np.int64).reshape(-1, 3)
-    words = random_keys(seed, 3 * most).reshape(seed.shape[0], 3, most)
-    one, two, three = ((words[:, n] % np.uint64(count - n)).astype(np.int64) for n in range(3))
-    two += two >= one
-    low, high = np.minimum(one, two), np.maximum(one, two)
-    three += three >= low
-    three += three >= high
-    return np.sort(np.stack([one, two, three], axis=2), axis=2)
+__all__ = ["cross_at_height", "cross_triples"]
 
 
 def cross_triples(rows: RangeSpheres, triples: IntArray) -> Point:
