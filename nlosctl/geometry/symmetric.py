@@ -150,8 +150,7 @@ class SymmetricMatrix:
 
     def where(self, condition: BoolArray, other: SymmetricMatrix) -> SymmetricMatrix:
         """Return these matrices where ``condition``, the others elsewhere."""
-        pairs = zip(self.parts, other.parts, strict=True)
-        return SymmetricMatrix(*(np.where(condition, mine, theirs) for mine, theirs in pairs))
+        return SymmetricMatrix(*(np.where(condition, *pair) for pair in zip(self.parts, other.parts, strict=True)))
 
     def stack(self) -> FloatArray:
         """Return the parts as columns (B, D (D + 1) / 2), in the order of the result tables."""

@@ -12,7 +12,7 @@ from nlosctl.contract.results import is_fix
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
-from nlosctl.solvers.mixture.outlier_options import OutlierOptions
+from nlosctl.solvers.mixture.outlier_options import LateOptions, OutlierOptions
 
 __all__ = ["competing_rows", "count_lone_rows", "share_remark", "single_path_snapshots"]
 
@@ -59,7 +59,7 @@ def count_lone_rows(tallies: Sequence[tuple[int, MethodTally]], chunk: Chunk, es
 
 def share_remark(run: MethodRun, tally: MethodTally) -> list[str]:
     """Return a line if more rows are not used than `alpha` and sampling errors explain."""
-    if not isinstance(run.options, OutlierOptions) or tally.lone_rows < _FEWEST_ROWS:
+    if not isinstance(run.options, OutlierOptions | LateOptions) or tally.lone_rows < _FEWEST_ROWS:
         return []
     alpha = run.options.alpha
     share = 1.0 - tally.lone_rows_used / tally.lone_rows

@@ -7,7 +7,7 @@ from typing import Literal
 
 from nlosctl.contract.options import option
 
-__all__ = ["BearingOutlierOptions", "MixtureModeOptions", "OutlierOptions"]
+__all__ = ["BearingOutlierOptions", "LateOptions", "MixtureModeOptions", "OutlierOptions"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +34,13 @@ class OutlierOptions:
         meaning="if sensors have several paths in unknown order, a fix is also ambiguous if another mode (of at least "
         "three rows) has at most this many fewer rows: one may be the mirror image of the other",
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class LateOptions:
+    """Share of outliers that are late, among rows without competing paths."""
+
+    alpha: float = option(0.25, minimum=0.0, maximum=1.0, exclusive=True, meaning="fraction of rows to expect as late")
 
 
 @dataclass(frozen=True, kw_only=True)
