@@ -95,7 +95,7 @@ def solve(batch: ArrivalBatch, options: ArrivalMixtureOptions) -> Solution:
         fixes = replace(fixes, covariance=covariance)
     columns = _offset_columns(arrivals, fixes.point[-1], fixes.covariance)
     position = replace(fixes, point=fixes.point[:-1], covariance=fixes.covariance.leading(len(arrivals.center)))
-    estimates = ranked_estimates(position, status, arrivals.center, options.covariance, arrivals.held_z_m, columns)
+    estimates = ranked_estimates(position, status, arrivals, options.covariance, columns)
     if not batch.want_flags:
         return Solution(estimates=estimates)
     probability = direct_probability(model.mixture, modes, model.region, candidates, judged.probability, status)
