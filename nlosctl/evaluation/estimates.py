@@ -201,7 +201,7 @@ class _Tally:
         self.with_std_dof += 0 if degrees is None else int(np.count_nonzero(~np.isnan(degrees)))
         limits = [ellipse_threshold(p, degrees) for p in _PROBABILITIES]
         if self.dimension == 3:
-            limits = [ellipsoid_threshold(p, unknowns) for p in _PROBABILITIES]
+            limits = [ellipsoid_threshold(p, unknowns, degrees) for p in _PROBABILITIES]
         self.inside += [int(np.count_nonzero(usable <= limit)) for limit in limits]
         distance = error[answered]
         summed = [offset[:, 0], offset[:, 1], distance, distance**2, distance**4, usable]

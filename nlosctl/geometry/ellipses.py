@@ -136,15 +136,22 @@ def _within_sphere(radius: FloatArray, middle: FloatArray, least: FloatArray) ->
     return probability, density
 
 
-def ellipsoid_threshold(probability: float, dimension: IntArray) -> FloatArray:
-    """Return the squared Mahalanobis distance (N,) that holds ``probability`` of errors in ``dimension`` (N,) 2 or 3.
+def ellipsoid_threshold(probability: float, dimension: IntArray, degrees: FloatArray | None = None) -> FloatArray:
+    """Return the squared Mahalanobis distance (N,) that holds ``probability`` of errors in ``dimension`` (N,) 1 to 3.
 
-    The quantile of chi-square.
+    The quantile of chi-square. With the ``degrees`` of freedom (N,) of a standard deviation that is estimated, that of
+    the F distribution times the dimension; where they are NaN, that of chi-square.
     """
-    from scipy.special import gammaincinv
+    from scipy.special import fdtri, gammaincinv
 
-    in_space = 2.0 * gammaincinv(1.5, probability)
-    return np.where(dimension == 2, ellipse_threshold(probability), in_space)
+    certain = np.float64(2.0) * gammaincinv(0.5 * dimension, probability)
+    certain = np.where(dimension == 2, ellipse_threshold(probability), certain)
+    if degrees is None:
+        return certain
+    with ignoring_invalid():
+        estimated = np.where(dimension == 2, ellipse_threshold(probability, degrees), 0.0)
+        estimated = np.where(dimension == 2, estimated, dimension * fdtri(dimension, degrees, probability))
+    return np.where(np.isnan(degrees), certain, estimated)
 
 
 def spherical_error_probable(covariance: SymmetricMatrix) -> FloatArray:

@@ -70,7 +70,7 @@ def solve(
         if options.estimate_std is not None:
             from nlosctl.pipeline.solve.stds.unknown_std import with_unknown_std
 
-            runs = with_unknown_std(runs, opened.reader.kind, opened.reader.dimension, options.estimate_std)
+            runs = with_unknown_std(runs, opened.reader.kind, options.estimate_std)
         start = partial(MeasurementRun, runs=runs, options=options, write=write, wanted=wanted)
         run = start(opened.reader)
         if _needs_passes(runs, options):

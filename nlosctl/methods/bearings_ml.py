@@ -93,7 +93,7 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
             ambiguous_within=within,
             max_iterations=options.max_iterations,
         )
-    optima = find_optima(lines, starts, options.max_iterations)
+    optima = find_optima(lines, starts, options.max_iterations, relative_std=batch.std == "unknown")
     constrained_status = None
     if options.feasible:
         optima, constrained_status = constrain_to_scene(optima, options.max_iterations)

@@ -1,4 +1,4 @@
-"""Residuals of measurements over their standard deviations with their derivatives by the position, by kind."""
+"""Residuals of measurements over their standard deviations with their derivatives by the unknowns, by kind."""
 
 from __future__ import annotations
 
@@ -9,18 +9,24 @@ from typing import Any
 import numpy as np
 
 from nlosctl.arrays import FloatArray, ignoring_division
-from nlosctl.contract.batches import BearingBatch, RangeBatch
+from nlosctl.contract.batches import ArrivalBatch, BearingBatch, RangeBatch
+from nlosctl.errors import UsageError
+from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
-from nlosctl.models.bearings import sight_lines
+from nlosctl.models.arrivals import arrival_rows
+from nlosctl.models.bearings import SightLines
 from nlosctl.models.ranges.spheres import range_rows
+from nlosctl.models.sight import bearing_lines
+from nlosctl.models.space.lines import SpaceLines
 
-__all__ = ["SCALED_RESIDUALS", "ScaledResiduals", "leverages"]
+__all__ = ["SCALED_RESIDUALS", "ScaledResiduals", "at_minimum", "leverages"]
 
 
 @dataclass(frozen=True)
 class ScaledResiduals:
-    """One scalar of each row: residuals (B, K) over std and the D derivatives (B, K); 0 in rows without the scalar.
+    """One scalar of each row: residuals (B, K) over std and the derivatives (B, K); 0 in rows without the scalar.
 
+    The derivatives are by the coordinates of the position that are not known, and of arrivals by the offset, the last.
     ``per_offset`` (B, K) is the derivative by the offset of the row's sensor, by which its measurement is too large;
     None for scalars that an offset does not change.
     """
@@ -44,19 +50,46 @@ class ScaledResiduals:
 
 
 def _bearings(batch: BearingBatch, position_m: FloatArray, *, with_ranges: bool) -> tuple[ScaledResiduals, ...]:
-    lines = sight_lines(batch)
+    lines = bearing_lines(batch)
+    ranges = (batch.range_m, batch.range_std_m) if with_ranges else (None, None)
+    if isinstance(lines, SpaceLines):
+        return _directions(lines, position_m, *ranges)
+    if not isinstance(lines, SightLines):
+        raise UsageError("`estimate_std` of sensors is not for azimuths of geodesics; set it to snapshot or file")
     x, y = position_m[:, 0] - lines.center_x, position_m[:, 1] - lines.center_y
     paths = lines.paths_from(x, y)
     with ignoring_division():
         residual = lines.residual_rad(x, y, paths) / lines.std_rad
         per_offset = (-1.0 if lines.handedness is None else -lines.handedness) / lines.std_rad
         bearings = ScaledResiduals.of(residual, *lines.slopes(x, y, paths), per_offset=per_offset)
-        if not with_ranges or batch.range_m is None or batch.range_std_m is None:
+        if ranges[0] is None or ranges[1] is None:
             return (bearings,)
         range_m = lines.range_m(x, y)
-        scale = 1.0 / (range_m * batch.range_std_m)
+        scale = 1.0 / (range_m * ranges[1])
         slopes = ((lines.origin_x - x[:, None]) * scale, (lines.origin_y - y[:, None]) * scale)
-        return bearings, ScaledResiduals.of((batch.range_m - range_m) / batch.range_std_m, *slopes)
+        return bearings, ScaledResiduals.of((ranges[0] - range_m) / ranges[1], *slopes)
+
+
+def _directions(
+    lines: SpaceLines, position_m: FloatArray, range_m: FloatArray | None, range_std_m: FloatArray | None
+) -> tuple[ScaledResiduals, ...]:
+    """Return azimuths, elevations and, if given, ranges (B, K); raises UsageError for heights above a sphere."""
+    measured = [np.ones(lines.angles.has_elevation.shape), lines.angles.has_elevation]
+    if range_m is not None and range_std_m is not None:
+        known = np.isfinite(range_m) & np.isfinite(range_std_m)
+        lines = lines.with_ranges(np.where(known, range_m, np.nan), range_std_m, lognormal=False)
+        measured.append(known.astype(np.float64))
+    if lines.std.shape[1] > lines.of_rows:
+        raise UsageError("`estimate_std` of sensors is not for heights above a sphere; set it to snapshot or file")
+    point = [position_m[:, axis] - lines.center[axis] for axis in range(lines.unknowns)]
+    with ignoring_division():
+        residual, slopes = lines.residual(*point) / lines.std, lines.slopes(*point)
+    scalars = []
+    for number, has in enumerate(measured):
+        of = slice(number * lines.rows, (number + 1) * lines.rows)
+        scalar = ScaledResiduals.of(residual[:, of], *(slope[:, of] for slope in slopes))
+        scalars.append(replace(scalar, measured=scalar.measured * has))
+    return tuple(scalars)
 
 
 def _ranges(batch: RangeBatch, position_m: FloatArray, *, with_ranges: bool) -> tuple[ScaledResiduals, ...]:
@@ -71,8 +104,24 @@ def _ranges(batch: RangeBatch, position_m: FloatArray, *, with_ranges: bool) -> 
         return (ScaledResiduals.of(residual, *(slopes / rows.std_m), per_offset=per_offset),)
 
 
-SCALED_RESIDUALS: dict[str, Callable[..., tuple[ScaledResiduals, ...]]] = {"bearings": _bearings, "ranges": _ranges}
-"""By kind: ``(batch, position_m (B, D), with_ranges=...)`` to the scalars of its rows, a block for each kind."""
+def _arrivals(batch: ArrivalBatch, position_m: FloatArray, *, with_ranges: bool) -> tuple[ScaledResiduals, ...]:
+    rows = arrival_rows(batch)
+    at = rows.compare(*(position_m[:, axis] - middle for axis, middle in enumerate(rows.center)))
+    if rows.of_pairs:
+        return (ScaledResiduals.of(at.residual, *at.slopes),)
+    inverse = 1.0 / rows.std_m
+    return (ScaledResiduals.of(at.residual, *(-part * inverse for part in at.along), -inverse),)
+
+
+SCALED_RESIDUALS: dict[str, Callable[..., tuple[ScaledResiduals, ...]]] = {
+    "bearings": _bearings,
+    "ranges": _ranges,
+    "arrivals": _arrivals,
+}
+"""By kind: ``(batch, position_m (B, D), with_ranges=...)`` to the scalars of its rows, a block for each kind.
+
+The offset of arrivals is the likeliest at the position; independent differences have none.
+"""
 
 
 def leverages(scalars: tuple[ScaledResiduals, ...], weight: FloatArray) -> tuple[SymmetricMatrix, list[FloatArray]]:
@@ -88,3 +137,26 @@ def leverages(scalars: tuple[ScaledResiduals, ...], weight: FloatArray) -> tuple
         inverse = information.inverse()
         inverse = SymmetricMatrix(*(part[:, None] for part in inverse))
         return information, [weight * inverse.quadratic_form(*scalar.slopes) for scalar in scalars]
+
+
+def at_minimum(
+    scalars: tuple[ScaledResiduals, ...], weight: FloatArray, information: SymmetricMatrix
+) -> tuple[ScaledResiduals, ...]:
+    """Return the scalars with the residuals after a Gauss-Newton step by their information J'WJ (B,)."""
+    unknowns = range(len(scalars[0].slopes))
+    with ignoring_division():
+        gradient = [
+            sum(
+                (sum_measurements(weight * part.slopes[axis] * part.residual) for part in scalars),
+                np.zeros(len(weight)),
+            )
+            for axis in unknowns
+        ]
+        step = information.solve(*gradient)
+        return tuple(
+            replace(
+                part,
+                residual=part.residual - sum(slope * by[:, None] for slope, by in zip(part.slopes, step, strict=True)),
+            )
+            for part in scalars
+        )

@@ -153,7 +153,8 @@ def test_estimates_of_two_dimensions_are_not_mixed(cli: Cli, tmp_path: Path) -> 
         (("-m", "ml", "--target-z-std-m", "1"), "--target-z-std-m needs --target-z-m"),
         (("-m", "ml", "--dimensions", "4"), "--dimensions"),
         (("-m", "ml", "--dimensions", "2", "--add", "sep50"), "is of three dimensions, and the input is of two"),
-        (("-m", "ml", "--estimate-std", "file"), "--estimate-std is for two dimensions"),
+        (("-m", "suppress", "--estimate-std", "file"), "--estimate-std is not for suppress on bearings"),
+        (("-m", "ml", "--estimate-std", "snapshot", "-p", "law=vonmises"), "law=vonmises is for two dimensions"),
     ],
 )
 def test_options_of_the_other_dimension_are_usage_errors(

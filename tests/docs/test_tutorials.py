@@ -18,6 +18,7 @@ TRADES = [
 ]
 EXAMPLES = [
     *TRADES,
+    "arrivals",
     "calibration",
     "columns",
     "conventions",

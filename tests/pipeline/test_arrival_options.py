@@ -12,7 +12,6 @@ from program import run_here
 @pytest.mark.parametrize(("words", "expected"), [
     (["describe", "in.csv"], "nlosctl localize -m ml in.csv"),
     (["plot", "in.csv", "-o", "out.png", "--target-z-m", "3"], "--target-z-m needs ranges, or three dimensions"),
-    (["localize", "-m", "ml", "in.csv", "--estimate-std", "file"], "--estimate-std of arrivals is per snapshot"),
 ])  # fmt: skip
 def test_arrivals_have_their_own_limits(tmp_path: Path, words: list[str], expected: str) -> None:
     """A command that takes no arrivals, or not with an option, states it in one line."""

@@ -201,13 +201,14 @@ BEARINGS = Table(
     ),
     space=(
         sensor_height("sensor position, height"),
-        *elevation("elevation", "the bearing", replaced_by="direction_std_rad"),
+        *elevation("elevation", "the bearing", replaced_by="direction_std_rad", estimable=True),
         Column(
             name="direction_std_rad",
             type="number",
             unit="rad",
             positive=True,
             constant_allowed=True,
+            estimable=True,
             measures="bearing_rad",
             meaning="standard deviation of the direction across the ray, the same in every direction, in place of "
             "bearing_std_rad and elevation_std_rad: right near the zenith too",

@@ -70,7 +70,7 @@ def node_height(node: str, meaning: str) -> Column:
     )
 
 
-def elevation(name: str, what: str, replaced_by: str = "") -> tuple[Column, Column]:
+def elevation(name: str, what: str, replaced_by: str = "", *, estimable: bool = False) -> tuple[Column, Column]:
     """Return the columns of an elevation and of its standard deviation; ``what`` is the direction measured."""
     return (
         Column(
@@ -92,6 +92,7 @@ def elevation(name: str, what: str, replaced_by: str = "") -> tuple[Column, Colu
             nullable=True,
             positive=True,
             constant_allowed=True,
+            estimable=estimable,
             replaced_by=replaced_by,
             meaning=f"standard deviation of {name}_rad",
             spellings=angles(f"{name}_std"),

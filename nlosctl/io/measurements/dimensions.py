@@ -26,15 +26,23 @@ _ACROSS = "direction_std_rad"
 
 
 def in_dimension(
-    table: Table, names: Collection[str], constants: Collection[str], scene: Scene, file: str, asked: int | None
+    table: Table,
+    names: Collection[str],
+    constants: Collection[str],
+    scene: Scene,
+    file: str,
+    asked: int | None,
+    *,
+    needs_stds: bool,
 ) -> tuple[Table, list[str]]:
     """Return the table of ``file`` in the dimension ``asked``, and remarks on what is then not used.
 
-    Default: three if a file with the columns ``names`` has elevations, their standard deviations and the heights of all
-    sensors, in columns, ``constants`` or the scene; else two. Raises DataError for a scene that is not of space.
+    Default: three if a file with the columns ``names`` has elevations, their standard deviations (if it ``needs_stds``)
+    and the heights of all sensors, in columns, ``constants`` or the scene; else two. Raises DataError for a scene that
+    is not of space.
     """
     space = table.in_space()
-    lacking = _lacking(space, names, constants, scene)
+    lacking = _lacking(space, names, constants, scene, needs_stds=needs_stds)
     if asked == 3 or (asked is None and lacking == []):
         _refuse_circles(scene, file)
         return space, []
@@ -52,7 +60,9 @@ def in_dimension(
     return table, [f"solved in two dimensions: {', '.join(unused)} {verb} not used{reason}"]
 
 
-def _lacking(space: Table, names: Collection[str], constants: Collection[str], scene: Scene) -> list[str] | None:
+def _lacking(
+    space: Table, names: Collection[str], constants: Collection[str], scene: Scene, *, needs_stds: bool
+) -> list[str] | None:
     """Return what a file lacks of three dimensions, as text; None if its kind is only solved in them when asked."""
     given = {*names, *constants}
     elevations = [column for column in space.columns if column.name.endswith("elevation_rad")]
@@ -61,7 +71,7 @@ def _lacking(space: Table, names: Collection[str], constants: Collection[str], s
     there = [column for column in elevations if not given.isdisjoint(column.accepted_names)]
     lacking = [] if there else ["elevations"]
     stds = [_std_of(space, column) for column in there]
-    if any(_is_absent(space, std, given) for std in stds):
+    if needs_stds and any(_is_absent(space, std, given) for std in stds):
         lacking.append("standard deviations of elevations")
     heights = [column for column in space.columns if column.required and column.name.endswith("_z_m")]
     if any(given.isdisjoint(column.accepted_names) for column in heights) and not scene.has_heights:
@@ -99,7 +109,12 @@ def check_space(plan: ColumnPlan, header: Sequence[str], file: str) -> None:
         if not column.name.endswith("elevation_rad"):
             continue
         std = _std_of(plan.table, column)
-        if column.name in given and {std.name, std.replaced_by}.isdisjoint(given):
+        if plan.units and std.name in given:
+            required = next(iter(plan.units))
+            raise DataError(
+                f"{file}: {std.name!r} needs {required!r} as a relative weight beside it; give both, or neither"
+            )
+        if column.name in given and {std.name, std.replaced_by}.isdisjoint({*given, *plan.units}):
             raise DataError(missing_message([std], header, plan.table, file, estimable=False))
         if std.name in plan.mapped and column.name not in given:
             raise DataError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence, Set
 
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import KINDS, Column, Table, contract_names
@@ -69,10 +69,24 @@ def named_like_degrees(names: Sequence[str]) -> tuple[str, str] | None:
     return None if lat is None or lon is None else (lat, lon)
 
 
-def unit_stds(table: Table, given: Collection[str]) -> dict[str, float]:
-    """Return a standard deviation of 1 for each that a table requires and that is not among the columns ``given``."""
-    required = [column.name for column in table.columns if column.required and column.constant_allowed]
-    return {name: 1.0 for name in required if name not in given}
+def unit_stds(table: Table, given: Set[str]) -> dict[str, float]:
+    """Return a standard deviation of 1 for each that a table requires and that is not among the columns ``given``.
+
+    Those of elevations, which are in the unit of the required ones, follow where the elevations are given.
+    """
+    in_place = {column.replaced_by for column in table.columns}
+    absent = [
+        column
+        for column in table.columns
+        if column.constant_allowed
+        and given.isdisjoint((column.name, column.replaced_by))
+        and column.name not in in_place
+    ]
+    units = {column.unit for column in absent if column.required}
+    beside = [column for column in absent if column.estimable and not column.required and column.unit in units]
+    wanted = [column for column in absent if column.required]
+    wanted += [column for column in beside if not given.isdisjoint(measured_names(column.name, table))]
+    return {column.name: 1.0 for column in wanted}
 
 
 def measured_names(std: str, table: Table) -> tuple[str, ...]:

@@ -234,7 +234,8 @@ def planned(
     if is_first and (options.dimensions is not None or not table.space_names.isdisjoint([*names, *given])):
         from nlosctl.io.measurements.dimensions import in_dimension
 
-        table, remarks = in_dimension(table, names, given, scene, part.name, options.dimensions)
+        needs_stds = options.missing_std != "unit"
+        table, remarks = in_dimension(table, names, given, scene, part.name, options.dimensions, needs_stds=needs_stds)
     header = [name for name in file.names if name not in derived and not (one_station and name == "sensor")]
     defaults = options.default_constants and usable_defaults(options.default_constants, names, table)
     constants = {

@@ -16,10 +16,11 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
 from nlosctl.contract.scene import EarthFrame
 from nlosctl.contract.tables import ADDED_COLUMNS, ELLIPSE, TRUTH_HEIGHT
 from nlosctl.errors import UsageError, did_you_mean
-from nlosctl.evaluation.consistency import squared_mahalanobis
+from nlosctl.evaluation.consistency import squared_mahalanobis, uncertain_coordinates
 from nlosctl.geometry.ellipses import (
     circular_error_probable,
     ellipse_threshold,
+    ellipsoid_threshold,
     error_ellipse,
     spherical_error_probable,
 )
@@ -99,13 +100,12 @@ def _on_earth(frame: EarthFrame, estimates: ChunkEstimates) -> dict[str, FloatAr
 def _ellipse(estimates: ChunkEstimates, probability: float) -> dict[str, FloatArray]:
     """Return the ellipse in x and y, and in space the interval of the height, each with the ``probability``."""
     one_sigma = error_ellipse(_horizontal(estimates))
-    scale = np.sqrt(ellipse_threshold(probability, estimates.columns.get("std_dof")))
+    degrees = estimates.columns.get("std_dof")
+    scale = np.sqrt(ellipse_threshold(probability, degrees))
     height: dict[str, FloatArray] = {}
     if estimates.position_m.shape[1] == 3:
-        from scipy.special import erfinv
-
-        deviations = np.sqrt(2.0) * erfinv(probability)
-        height = {"half_height_m": deviations * np.sqrt(estimates.covariance_m2[:, 5])}
+        squared = ellipsoid_threshold(probability, np.ones(len(estimates.status), dtype=np.int64), degrees)
+        height = {"half_height_m": np.sqrt(squared * estimates.covariance_m2[:, 5])}
     return {
         **height,
         "semi_major_m": scale * one_sigma.semi_major_m,
@@ -130,7 +130,13 @@ def _cep50(solver: ChunkSolver, chunk: Chunk, solution: ChunkSolution) -> FloatA
 
 def _sep50(solver: ChunkSolver, chunk: Chunk, solution: ChunkSolution) -> FloatArray:
     assert solution.estimates is not None  # noqa: S101 - columns are of estimates
-    return spherical_error_probable(SymmetricMatrix(*solution.estimates.covariance_m2.T))
+    covariance = solution.estimates.covariance_m2
+    radius = spherical_error_probable(SymmetricMatrix(*covariance.T))
+    degrees = solution.estimates.columns.get("std_dof")
+    if degrees is None:
+        return radius
+    unknowns = uncertain_coordinates(covariance)
+    return radius * np.sqrt(ellipsoid_threshold(0.5, unknowns, degrees) / ellipsoid_threshold(0.5, unknowns))
 
 
 def _gdop(solver: ChunkSolver, chunk: Chunk, solution: ChunkSolution, part: str = "whole") -> FloatArray:

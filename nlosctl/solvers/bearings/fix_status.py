@@ -186,7 +186,8 @@ def judge_optima(
         factors = StdFactors.of(rays.chi_square - gain, scalars - len(point))
         lines = lines.with_std(factors.scaled(lines.std))
         paths = lines.paths_from(*point)
-        rays = replace(rays, chi_square=rays.chi_square / factors.squared)
+        zenith = None if rays.at_zenith is None else lines.ray_residuals(*point, paths=paths).at_zenith
+        rays = replace(rays, chi_square=rays.chi_square / factors.squared, at_zenith=zenith)
         if covariance is not None and inflated is not None:
             covariance = covariance * factors.squared
     searched = covariance is None or inflated is None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -16,6 +16,7 @@ from nlosctl.models.bearings import SightLines
 from nlosctl.models.sight import Sight
 from nlosctl.solvers.bearings.circle_likelihood import bearing_problem
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
+from nlosctl.solvers.optimization.unknown_std import StdFactors
 
 __all__ = ["MAX_ALTERNATIVES", "Optima", "find_optima", "pairwise_crossings"]
 
@@ -60,13 +61,23 @@ class Optima:
         return self.point[1]
 
 
-def find_optima(lines: Sight, starts: Sequence[tuple[FloatArray, ...]], max_iterations: int) -> Optima:
+def find_optima(
+    lines: Sight, starts: Sequence[tuple[FloatArray, ...]], max_iterations: int, *, relative_std: bool = False
+) -> Optima:
     """Return the optima reached from initial estimates, each as D arrays (B,), the best one last.
 
-    In the plane only the best is used, and the crossings of all pairs of rows if a row may take several paths.
+    In the plane only the best is used, and the crossings of all pairs of rows if a row may take several paths. In space
+    a ``relative_std`` is scaled by the residuals of that estimate, so that distances in it are those of real errors.
     """
     if not isinstance(lines, SightLines):
-        return _optima_in_space(lines, starts, max_iterations)
+        if not relative_std:
+            return _optima_in_space(lines, starts, max_iterations)
+        start = lines.inside_circles(*starts[-1])
+        factors = StdFactors.of(lines.ray_residuals(*start).chi_square, lines.scalars() - len(start))
+        optima = _optima_in_space(lines.with_std(factors.scaled(lines.std)), starts, max_iterations)
+        rows = np.arange(start[0].size) if optima.snapshot is None else optima.snapshot
+        rival_cost = optima.rival_cost * factors.squared[rows]
+        return replace(optima, lines=lines if optima.snapshot is None else lines.take(rows), rival_cost=rival_cost)
     start_x, start_y = starts[-1]
     several = np.zeros(start_x.shape, dtype=bool)
     if lines.circles is not None and lines.origin_x.shape[1] > 1:

@@ -16,7 +16,13 @@ from nlosctl.contract.results import has_covariance
 from nlosctl.contract.statuses import Status
 from nlosctl.geometry.blocks import RowBlock
 
-__all__ = ["StdFactors", "marginal_cost"]
+__all__ = ["HEIGHT_FAULT", "StdFactors", "marginal_cost"]
+
+HEIGHT_FAULT = (
+    "A measured height with a standard deviation needs stated standard deviations of the other measurements; state "
+    "them, or set `target_z_std_m` to 0 for an exact height."
+)
+"""Why there is no factor beside a height of stated standard deviation: a single one would scale that too."""
 
 _STAND_IN = 1e-3
 """The factor with which a fix is judged where its own is not determined: so small that the geometry decides."""

@@ -17,7 +17,7 @@ from nlosctl.models.ranges.circles import RangeCircles
 from nlosctl.models.ranges.spheres import RangeRows, RangeSpheres
 from nlosctl.solvers.arrivals.likelihood import ArrivalProblem
 from nlosctl.solvers.optimization.two_optima import End, are_apart, are_images
-from nlosctl.solvers.optimization.unknown_std import StdFactors, marginal_cost
+from nlosctl.solvers.optimization.unknown_std import HEIGHT_FAULT, StdFactors, marginal_cost
 from nlosctl.solvers.ranges.bent_search import find_bent_optima
 from nlosctl.solvers.ranges.likelihood import RangeProblem, fit_squares
 from nlosctl.solvers.ranges.paired_estimates import RangeOptimum, paired_estimates
@@ -87,8 +87,7 @@ def estimate_factors(
 ) -> StdFactors:
     """Return the factors of unknown std by the residuals of the better optimum; arguments of `finish_range_fix`.
 
-    UsageError with a measured height or an uncertain speed, whose standard deviation is stated: a single factor would
-    scale that too.
+    UsageError with a measured height or an uncertain speed, whose standard deviation is stated.
     """
     if isinstance(rows, ArrivalRows) and rows.speed is not None:
         raise UsageError(
@@ -96,10 +95,7 @@ def estimate_factors(
             "exact speed."
         )
     if rows.level is not None:
-        raise UsageError(
-            "A measured height with a standard deviation needs stated standard deviations of the other measurements; "
-            "state them, or set `target_z_std_m` to 0 for an exact height."
-        )
+        raise UsageError(HEIGHT_FAULT)
     degrees = rows.degrees_of_freedom
     swap = _second_is_better(rows, one, other, infeasible_nats, degrees)
     point = _where(swap, other.point, one.point)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,25 +11,63 @@ import numpy as np
 from nlosctl import registry
 from nlosctl.arrays import BoolArray, FloatArray, ignoring_division, ignoring_invalid
 from nlosctl.contract.batches import Batch
-from nlosctl.contract.methods import MethodSpec
+from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
+from nlosctl.errors import UsageError
 from nlosctl.geometry.blocks import sum_measurements
-from nlosctl.models.scaled_residuals import SCALED_RESIDUALS, leverages
+from nlosctl.models.scaled_residuals import SCALED_RESIDUALS, at_minimum, leverages
+from nlosctl.solvers.optimization.unknown_std import HEIGHT_FAULT
 
-__all__ = ["row_squares", "snapshot_factors", "uses_ranges", "weighted_rows", "with_std_factors"]
+__all__ = [
+    "RowSquares",
+    "row_squares",
+    "snapshot_factors",
+    "uses_ranges",
+    "weighted_rows",
+    "with_std_factors",
+    "with_unknown_factor",
+]
 
 _MOST_ROUNDS = 40
 _SETTLED = 1e-4
 _LEAST_DEGREES = 0.5
 """A snapshot of a robust method with fewer degrees of freedom than this determines no factor."""
 
-_UNKNOWNS = 2
+
+@dataclass(frozen=True)
+class RowSquares:
+    """Weighted squares over stated std, weights and degrees of freedom of rows (B, K), over their scalars.
+
+    ``unknowns`` is their number in each snapshot: coordinates of the position, and the offset of arrivals.
+    """
+
+    squares: FloatArray
+    weight: FloatArray
+    degrees: FloatArray
+    unknowns: int
+
+    @property
+    def spare(self) -> FloatArray:
+        """The weights (B,) of the scalars beyond the unknowns; negative where there are fewer."""
+        return sum_measurements(self.weight) - self.unknowns
 
 
 def with_std_factors(batch: Batch, factors: FloatArray | float) -> Any:
-    """Return the batch with its standard deviations times factors, (B, K) or one."""
+    """Return the batch with its standard deviations times factors, (B, K) or one.
+
+    Raises UsageError for a measured height: its standard deviation is stated.
+    """
+    if batch.target_z_m is not None and not batch.height_held:
+        raise UsageError(HEIGHT_FAULT)
     arrays = {name: getattr(batch, name) for name in batch.STDS}
     scaled = {name: np.asfortranarray(array * factors) for name, array in arrays.items() if array is not None}
     return dataclasses.replace(batch, std="estimated", **scaled)  # type: ignore[arg-type]
+
+
+def with_unknown_factor(batch: Batch, *, want_flags: bool | None = None) -> Any:
+    """Return the batch with standard deviations that are relative weights; raises UsageError for a measured height."""
+    if batch.target_z_m is not None and not batch.height_held:
+        raise UsageError(HEIGHT_FAULT)
+    return dataclasses.replace(batch, std="unknown", want_flags=batch.want_flags if want_flags is None else want_flags)
 
 
 def uses_ranges(spec: MethodSpec, options: Any) -> bool:
@@ -44,20 +83,19 @@ def snapshot_factors(spec: MethodSpec, batch: Any, options: Any) -> tuple[FloatA
     nothing determines it, the last that was.
     """
     trusting = registry.resolve("ml", spec.kind, "localize")
-    first = trusting.solve(dataclasses.replace(batch, std="unknown", want_flags=False), trusting.options()).estimates
+    first = trusting.solve(with_unknown_factor(batch, want_flags=False), trusting.options()).estimates
     factors, degrees = np.ones(batch.size), np.zeros(batch.size)
     best = (first.alternative == 0) & np.isfinite(first.columns["std_factor"])
     factors[first.row[best]] = first.columns["std_factor"][best]
-    determined = np.full(batch.size, getattr(batch, batch.STDS[0]).shape[1] > _UNKNOWNS)
-    moving = determined.copy()
+    determined, moving = np.zeros(batch.size, dtype=bool), np.ones(batch.size, dtype=bool)
     for _ in range(_MOST_ROUNDS):
         if not moving.any():
             break
         each = np.broadcast_to(factors[:, None], getattr(batch, batch.STDS[0]).shape)
-        squares, weight, _ = weighted_rows(spec, options, batch, each)
-        spare = sum_measurements(weight) - _UNKNOWNS
+        rows = weighted_rows(spec, options, batch, each)
+        spare = rows.spare
         with ignoring_division():
-            after = np.sqrt(sum_measurements(squares) / spare)
+            after = np.sqrt(sum_measurements(rows.squares) / spare)
         known = (spare >= _LEAST_DEGREES) & (after > 0.0) & np.isfinite(after)
         change = np.where(known, np.abs(np.log(np.where(known, after, 1.0) / factors)), 0.0)
         degrees, determined = np.where(moving, spare, degrees), np.where(moving, known, determined)
@@ -66,10 +104,8 @@ def snapshot_factors(spec: MethodSpec, batch: Any, options: Any) -> tuple[FloatA
     return factors, degrees, determined
 
 
-def weighted_rows(
-    spec: MethodSpec, options: Any, batch: Any, factors: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the weighted squares, the weights and the degrees of freedom (B, K) of the rows of a robust method."""
+def weighted_rows(spec: MethodSpec, options: Any, batch: Any, factors: FloatArray) -> RowSquares:
+    """Return the squares of the rows of a robust method, weighted by their probabilities to be direct."""
     assert spec.direct_rows is not None  # noqa: S101 - the caller's case
     scaled = with_std_factors(batch, factors)
     position, weight = spec.direct_rows(scaled, options)
@@ -79,10 +115,15 @@ def weighted_rows(
 
 def row_squares(
     spec: MethodSpec, options: Any, scaled: Any, position: FloatArray, weight: FloatArray, factors: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return weighted squares over stated std, weights and degrees of freedom of rows (B, K), over their scalars."""
+) -> RowSquares:
+    """Return the squares of rows (B, K) with a ``weight`` at positions (B, D), over the std without the factors.
+
+    For a method that does not minimize the chi-square they are what a Gauss-Newton step to its minimum leaves.
+    """
     scalars = SCALED_RESIDUALS[spec.kind](scaled, position, with_ranges=uses_ranges(spec, options))
-    _, shares = leverages(scalars, weight)
+    information, shares = leverages(scalars, weight)
+    if spec.direct_rows is None and spec.cost != LEAST_HALF_CHI_SQUARE:
+        scalars = at_minimum(scalars, weight, information)
     squares, weights, degrees = (np.zeros(weight.shape, order="F") for _ in range(3))
     with ignoring_invalid():
         for scalar, leverage in zip(scalars, shares, strict=True):
@@ -90,4 +131,5 @@ def row_squares(
             weights += weight * scalar.measured
             degrees += weight * scalar.measured * (1.0 - leverage)
     sound = np.isfinite(degrees) & np.isfinite(squares)
-    return np.where(sound, squares, 0.0), weights, np.where(sound, np.maximum(degrees, 0.0), 0.0)
+    squares, degrees = np.where(sound, squares, 0.0), np.where(sound, np.maximum(degrees, 0.0), 0.0)
+    return RowSquares(squares, weights, degrees, len(scalars[0].slopes))

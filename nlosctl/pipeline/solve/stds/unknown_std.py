@@ -21,7 +21,7 @@ from nlosctl.io.measurements.completion.sensor_keys import sensor_texts
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.models.scaled_residuals import SCALED_RESIDUALS
 from nlosctl.pipeline.solve.method_runs import MethodRun
-from nlosctl.pipeline.solve.stds.row_squares import snapshot_factors, uses_ranges, with_std_factors
+from nlosctl.pipeline.solve.stds.row_squares import snapshot_factors, uses_ranges, with_std_factors, with_unknown_factor
 from nlosctl.solvers.optimization.split_batches import take_snapshots
 
 __all__ = ["StdEstimate", "StdFactor", "with_unknown_std"]
@@ -94,9 +94,9 @@ class StdEstimate:
             solution = _with_columns(solution, factors[row], degrees[row])
             return dataclasses.replace(solution, estimates=_without_covariance(solution.estimates, ~determined[row]))
         if self.pool == "snapshot":
-            return spec.solve(dataclasses.replace(batch, std="unknown"), options)
+            return spec.solve(with_unknown_factor(batch), options)
         if self.file is None:
-            solution = spec.solve(dataclasses.replace(batch, std="unknown"), options)
+            solution = spec.solve(with_unknown_factor(batch), options)
             return dataclasses.replace(solution, estimates=_without_covariance(solution.estimates))
         if rows is None:
             solution = spec.solve(with_std_factors(batch, self.file.value), options)
@@ -106,15 +106,11 @@ class StdEstimate:
         return _with_sensor_columns(solution, spec, batch, options, factors, degrees)
 
 
-def with_unknown_std(runs: Sequence[MethodRun], kind: str, dimension: int, pool: str) -> list[MethodRun]:
+def with_unknown_std(runs: Sequence[MethodRun], kind: str, pool: str) -> list[MethodRun]:
     """Return the runs with a factor of the standard deviations for each snapshot.
 
     Raises UsageError for a kind or method that can't have one, or an option that is to be estimated, too.
     """
-    if dimension == 3:
-        raise UsageError("`estimate_std` is for two dimensions; set `dimensions` to 2, or give the standard deviations")
-    if kind == "arrivals" and pool != "snapshot":
-        raise UsageError(f"`estimate_std` of arrivals is per snapshot. Got {pool!r}; set it to snapshot")
     for run in runs:
         spec = run.spec
         if not (spec.scales_std or spec.direct_rows is not None):
@@ -185,9 +181,16 @@ def _with_sensor_columns(
         _summed([SymmetricMatrix.gram(*scalar.slopes, weight=part) for scalar in scalars])
         for part in (weight, weight / factors[row] ** 2)
     )
+    coordinates = 2 if batch.dimension == 2 or batch.height_held else 3
     with ignoring_division():
-        size = (stated.determinant / scaled.determinant) ** (0.5 / stated.dimension)
+        size = (_volume(stated, coordinates) / _volume(scaled, coordinates)) ** (0.5 / coordinates)
     return _with_columns(solution, size, least, flags)
+
+
+def _volume(information: SymmetricMatrix, coordinates: int) -> FloatArray:
+    """Return the determinants (B,) of the information of the position; a further unknown, the offset, is eliminated."""
+    offset = information.entry(coordinates, coordinates) if information.dimension > coordinates else 1.0
+    return information.determinant / offset
 
 
 def _summed(parts: list[SymmetricMatrix]) -> SymmetricMatrix:
