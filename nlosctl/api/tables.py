@@ -10,6 +10,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
+from nlosctl.contract.calibration import Calibration
 from nlosctl.contract.flags import parse_speed
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
@@ -65,6 +66,8 @@ def input_options(
         rest["dimensions"] = keywords.pop("dimensions")
     if "speed_std_m_s" in keywords:
         rest["speed_std_m_s"] = _number("speed_std_m_s", keywords.pop("speed_std_m_s"))
+    calibration = keywords.pop("calibration", None)
+    rest["calibration"] = calibration if isinstance(calibration, Calibration | None) else fspath(calibration)
     if "speed_m_s" in keywords:
         rest["speed_m_s"] = parse_speed(str(keywords.pop("speed_m_s")))
     return InputOptions(columns=dict(columns or {}), constants=converted, scene=scene, **rest)

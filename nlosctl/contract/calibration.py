@@ -1,13 +1,16 @@
-"""Calibrations: the offset of each sensor, the covariance of the offsets, and factors of standard deviations."""
+"""Calibrations: the offset of each sensor, the covariance of the offsets, and factors of standard deviations.
+
+Imports no numpy: the options of a run name this class.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi
 
-import numpy as np
-
-from nlosctl.arrays import FloatArray
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from nlosctl.arrays import FloatArray
 
 __all__ = ["OFFSETS", "Calibration", "OffsetKind", "SensorOffset"]
 
@@ -62,6 +65,7 @@ class Calibration:
     """The offsets of the sensors of one kind of measurement, by name and by the values of the columns ``by``.
 
     ``covariance`` (J, J) is that of the offsets of the entries ``order`` (indices), in squares of the unit of files.
+    ``source`` is the file that it is from.
     """
 
     kind: str
@@ -69,6 +73,7 @@ class Calibration:
     by: tuple[str, ...] = ()
     order: tuple[int, ...] = ()
     covariance: FloatArray | None = None
+    source: str = "the calibration"
 
     @property
     def quantity(self) -> OffsetKind:
@@ -77,6 +82,8 @@ class Calibration:
 
     def correlated(self) -> FloatArray:
         """Return the covariance (E, E) of all entries, in squares of the unit of the column; zeros where unknown."""
+        import numpy as np
+
         whole = np.zeros((len(self.entries),) * 2)
         if self.covariance is not None and self.order:
             whole[np.ix_(self.order, self.order)] = self.covariance * self.quantity.scale**2

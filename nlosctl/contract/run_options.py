@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+from nlosctl.contract.calibration import Calibration
 from nlosctl.contract.fields import Field, SensorsField, parse_field
 from nlosctl.contract.flags import STD_FLAGS, Flag, check_speed, option, parse_speed, std_in_metres, with_flags
 from nlosctl.contract.limits import size
@@ -27,14 +28,13 @@ PANELS = ("Input", "Geometry", "Method", "Output", "Run", "Messages")
 """The panels of every command's help, in order."""
 
 _SOLVE = "localize detect-ip identify-los"
-_ESTIMATE = f"{_SOLVE} calibrate"
+_ESTIMATE, _CALIBRATED = f"{_SOLVE} calibrate", f"{_SOLVE} bound validate"
 _READ = f"{_ESTIMATE} bound validate"
 _MEASUREMENTS = f"{_READ} plot convert describe"
 _WRITE = f"{_SOLVE} bound evaluate simulate convert"
 _ARRIVALS = "localize validate plot convert describe"
-_NOISES = ("gaussian", "laplace")
-_ENGINES = ("local", "dask")
-_POOLS = ("snapshot", "sensor", "file")
+_REPORT = f"{_ESTIMATE} bound evaluate"
+_NOISES, _ENGINES, _POOLS = ("gaussian", "laplace"), ("local", "dask"), ("snapshot", "sensor", "file")
 
 
 def flags_of(options: type[Any]) -> list[tuple[dataclasses.Field[Any], Flag]]:
@@ -83,8 +83,7 @@ class InputOptions:
         f"{_ESTIMATE} bound")
     max_snapshot_rows: int = option(
         1_000_000, "--max-snapshot-rows", "Input", "Largest number of rows allowed in a snapshot.",
-        f"{_READ} describe",
-        minimum=1, metavar="N")
+        f"{_READ} describe", minimum=1, metavar="N")
     max_spool_bytes: int = option(
         10_000_000_000, "--max-spool-bytes", "Input", "Largest standard input to copy to disk for several passes.",
         "localize calibrate", minimum=1, metavar="N")
@@ -124,6 +123,8 @@ class InputOptions:
     scene: Scene | str | None = option(  # noqa: RUF009
         None, "--scene", "Geometry", "Scene (TOML); default: in the table, STEM.scene.toml or scene.toml.",
         f"{_MEASUREMENTS} simulate", metavar="FILE")
+    calibration: Calibration | str | None = option(  # noqa: RUF009
+        None, "--calibration", "Geometry", "Calibration of the sensors (TOML).", _CALIBRATED, metavar="FILE")
     crs: str | None = option(
         None, "--crs", "Geometry", "Projected CRS of x and y, such as EPSG:32632.", f"{_READ} convert describe",
         metavar="CODE")
@@ -292,8 +293,7 @@ class OutputOptions:
         False, "--resume", "Run", "Continue an interrupted run into a folder; the results are the same.",
         f"{_SOLVE} bound")
     report: str | None = option(
-        None, "--report", "Messages", "Write the summary as JSON; - is standard error.",
-        f"{_ESTIMATE} bound evaluate", metavar="FILE")
+        None, "--report", "Messages", "Write the summary as JSON; - is standard error.", _REPORT, metavar="FILE")
 
     def __post_init__(self) -> None:
         if self.ellipse is not None and not 0.0 < self.ellipse < 1.0:

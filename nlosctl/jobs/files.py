@@ -8,9 +8,10 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+from nlosctl.contract.calibration import Calibration
 from nlosctl.contract.limits import size
 from nlosctl.contract.run_options import InputOptions, OutputOptions
-from nlosctl.errors import DataError, UsageError
+from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import Input, expand_inputs
 from nlosctl.io.paths.locations import Location, format_named, format_of_path, known_format_of_path, location
@@ -27,6 +28,7 @@ __all__ = [
     "open_measurements",
     "open_output",
     "require_window",
+    "with_calibration",
     "write_report",
 ]
 
@@ -66,6 +68,33 @@ class Opened:
             self.reader.set_bad_rows_aside(sink)
 
 
+def with_calibration(read: InputOptions) -> InputOptions:
+    """Return the options with the calibration in the file that they name, and its columns among those to be read."""
+    if read.calibration is None:
+        return read
+    from nlosctl.io.calibrations.calibration_file import read_calibration
+
+    known = read.calibration if isinstance(read.calibration, Calibration) else read_calibration(read.calibration)
+    extra = None if read.extra_columns is None else (*read.extra_columns, *known.by)
+    return dataclasses.replace(read, calibration=known, extra_columns=extra)
+
+
+def _check_calibration(calibration: Calibration, reader: MeasurementReader) -> None:
+    """Raise DataError for a calibration of another kind, or by a column that the input lacks."""
+    if calibration.kind != reader.kind:
+        raise DataError(
+            f"{calibration.source}: has {calibration.quantity.name}, offsets of {calibration.kind}, but the input has "
+            f"{reader.kind}; calibrate with {reader.kind}"
+        )
+    for name in calibration.by:
+        if name not in reader.column_names:
+            near = did_you_mean(name, reader.column_names)
+            raise DataError(
+                f"{calibration.source}: its offsets are by {name!r}, a column that the input lacks{near}; add it, or "
+                "correct the key"
+            )
+
+
 def require_window(read: InputOptions) -> None:
     """Raise UsageError for columns that part the rows without windows."""
     if read.by and read.window is None:
@@ -102,6 +131,7 @@ def open_measurements(
 ) -> Iterator[Opened]:
     """Open the inputs and check all targets before the first output is written."""
     require_window(read)
+    read = with_calibration(read)
     if write.bad_rows is not None:
         read = dataclasses.replace(read, extra_columns=None)
     with naming_importer(inputs):
@@ -109,6 +139,8 @@ def open_measurements(
         opened = MeasurementReader(given, read)
     names = [*destination.protected, read.scene if isinstance(read.scene, str) else None]
     with closing(opened) as reader:
+        if isinstance(read.calibration, Calibration):
+            _check_calibration(read.calibration, reader)
         parts = [part.path for source in given for part in source.parts if part.path is not None]
         folders = [source.path for source in given if source.path is not None]
         protected = [*parts, *folders, *(location(name) for name in names if name is not None)]

@@ -68,6 +68,8 @@ def solve(
         if "estimates" in wanted:
             require_estimates(runs)
         if options.estimate_std is not None:
+            if read.calibration is not None:
+                raise UsageError("`estimate_std` and `calibration` both scale standard deviations; leave out one")
             from nlosctl.pipeline.solve.stds.unknown_std import with_unknown_std
 
             runs = with_unknown_std(runs, opened.reader.kind, options.estimate_std)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,7 @@ from nlosctl.errors import DataError, did_you_mean, hide_secrets
 from nlosctl.io.paths.locations import location, near_name
 from nlosctl.io.scenes.scene_file import toml_value
 
-__all__ = ["calibration_from_toml", "calibration_to_toml", "entry_values", "read_calibration"]
+__all__ = ["calibration_digest", "calibration_from_toml", "calibration_to_toml", "entry_values", "read_calibration"]
 
 _TABLES = ("calibration", "sensor", "covariance")
 _SYMMETRIC = 1e-9
@@ -32,7 +34,7 @@ def read_calibration(name: str) -> Calibration:
         text = read_limited(path, hide_secrets(str(path)))
     except OSError as error:
         raise DataError(f"{path}: the calibration can't be read: {error.strerror}{near_name(path)}") from error
-    return calibration_from_toml(text, hide_secrets(str(path)))
+    return replace(calibration_from_toml(text, hide_secrets(str(path))), source=hide_secrets(str(path)))
 
 
 def calibration_from_toml(text: str, name: str) -> Calibration:
@@ -178,6 +180,12 @@ def calibration_to_toml(calibration: Calibration, facts: Mapping[str, Any]) -> s
         rows = "\n".join(f"  {toml_value(row)}," for row in calibration.covariance.tolist())
         blocks.append(f"[covariance]  # {quantity.unit}2\norder = [{order}]\nmatrix = [\n{rows}\n]\n")
     return "\n".join(blocks)
+
+
+def calibration_digest(calibration: Calibration) -> dict[str, str]:
+    """Return the name of a calibration's file and the SHA-256 hash of its numbers, for the provenance."""
+    text = calibration_to_toml(calibration, {})
+    return {"name": calibration.source, "sha256": hashlib.sha256(text.encode("utf-8")).hexdigest()}
 
 
 def entry_values(entry: SensorOffset, quantity: OffsetKind, by: Sequence[str]) -> dict[str, Any]:

@@ -172,10 +172,10 @@ class MeasurementReader:
         self.report.snapshots += len(chunk.snapshot)
         left_out = chunk.left_out if chunk.windows is None else chunk.left_out & chunk.windows.leads
         self.report.left_out_rows += int(left_out.sum())
-        if self.options.speed_std_m_s or not {"target_z_m", "reference"}.isdisjoint(chunk.columns):
+        if self.options.speed_std_m_s or self.options.calibration or {"target_z_m", "reference"} & chunk.columns.keys():
             from nlosctl.io.measurements.completion.completed_rows import completed_chunk
 
-            chunk = completed_chunk(chunk, self.sensor_names, self.options)
+            chunk = completed_chunk(chunk, self.sensor_names, self.options, self.report)
         return chunk
 
     def _row_batches(self, given: Input) -> Iterator[RowBatch]:

@@ -102,7 +102,7 @@ class ReadReport:
     ``rejoined`` are the snapshots across parts that may be several, see `nlosctl.io.measurements.returned_ids`.
     ``unused_rows`` counts the rows left out by an option of reading, by its name; ``windows`` counts windows, see
     `nlosctl.io.measurements.windows.window_tally`. ``valid_sensors`` are those of a scene with times that are valid at
-    the time of some row.
+    the time of some row, ``uncalibrated`` those that a calibration lacks.
     """
 
     rows: int = 0
@@ -116,6 +116,7 @@ class ReadReport:
     remarks: list[str] = field(default_factory=list)
     windows: Counter[str] = field(default_factory=Counter)
     valid_sensors: set[str] = field(default_factory=set)
+    uncalibrated: set[str] = field(default_factory=set)
 
     @property
     def rows_taken(self) -> int:
@@ -132,11 +133,11 @@ class ReadReport:
         timed = [sensor.name for sensor in scene.sensors if sensor.start is not None or sensor.end is not None]
         never = [name for name in dict.fromkeys(timed) if name not in self.valid_sensors]
         remarks = [f"sensors of the scene that are valid for no time of the input: {', '.join(never)}"] if never else []
-        if not self.unused_rows:
+        if not (self.unused_rows or self.uncalibrated):
             return remarks
-        from nlosctl.io.row_steps.unused_rows import unused_rows_remark
+        from nlosctl.io.row_steps.unused_rows import option_remarks
 
-        return [unused_rows_remark(self.unused_rows), *remarks]
+        return [*option_remarks(self.unused_rows, self.uncalibrated), *remarks]
 
 
 @dataclass(kw_only=True)

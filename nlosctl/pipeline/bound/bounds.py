@@ -13,11 +13,13 @@ import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.calibration import Calibration
 from nlosctl.contract.run_options import SolveOptions
 from nlosctl.contract.scene import Sensor
 from nlosctl.contract.tables import TRUTH_HEIGHT
 from nlosctl.errors import DataError, UsageError
 from nlosctl.evaluation.bounds import Bounds, SpaceBounds, bounds_of
+from nlosctl.io.measurements.completion.calibrated_rows import OFFSET_ENTRY
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.results.evaluation_arrays import boolean_codes
 from nlosctl.io.results.layouts import TRUTH_NAMES, truth_positions
@@ -112,7 +114,14 @@ def bounds_at_truth(reader: MeasurementReader, options: SolveOptions) -> Iterato
                 for mine, rows in alike_blocks(chunk, snapshot, row):
                     batch = _without_ranges(_batch(reader, chunk, rows), options)
                     batch, point = _in_axes_of_bound(batch, reader, truth[mine])
-                    _write_bounds(arrays, mine, model.at(batch, *point.T), options)
+                    information = model.at(batch, *point.T)
+                    if isinstance(reader.options.calibration, Calibration):
+                        from nlosctl.pipeline.solve.calibrated.shared_offsets import information_with_offsets
+
+                        information = information_with_offsets(
+                            information, batch, point, chunk.columns[OFFSET_ENTRY][rows], reader.options.calibration
+                        )
+                    _write_bounds(arrays, mine, information, options)
         yield bound_table(arrays, schema, chunk.snapshot, chunk.table, chunk.offsets[:-1])
 
 

@@ -129,6 +129,7 @@ class FolderRun:
                 report.take(records[number]["counts"])
                 read.unused_rows.update(records[number]["unused_rows"])
                 read.valid_sensors.update(records[number]["valid_sensors"])
+                read.uncalibrated.update(records[number].get("uncalibrated", ()))
             except (KeyError, TypeError, ValueError, AttributeError) as error:
                 name = self._names[number]
                 raise DataError(

@@ -91,6 +91,7 @@ class PartWork:
             "rows": reader.report.rows_by_file.get(name, 0),
             "unused_rows": dict(reader.report.unused_rows),
             "valid_sensors": sorted(reader.report.valid_sensors),
+            **({"uncalibrated": sorted(reader.report.uncalibrated)} if reader.report.uncalibrated else {}),
             "files": files,
             "counts": run.report.counts(),
             "span": span(),

@@ -74,11 +74,14 @@ class SliceWork:
     def make(
         self, number: int
     ) -> (
-        tuple[list[ChunkTables], dict[str, Any], tuple[dict[str, int], dict[str, int], set[str]], dict[str, Any]] | None
+        tuple[
+            list[ChunkTables], dict[str, Any], tuple[dict[str, int], dict[str, int], set[str], set[str]], dict[str, Any]
+        ]
+        | None
     ):
         """Return the tables of a slice, its counts, what is known of its file, and the span of its ids.
 
-        Of the file: its rows (all, and unused) and the sensors that are valid. None: a fault.
+        Of the file: its rows (all, and unused), the sensors that are valid, those without calibration. None: a fault.
         """
         reader = MeasurementReader(self.inputs, self.options, survey=self.survey, only=self.positions[number])
         run = self.start(reader)
@@ -86,7 +89,8 @@ class SliceWork:
             tables = list(run.tables())
         except NlosctlError:
             return None
-        rows = reader.report.rows_by_file, dict(reader.report.unused_rows), reader.report.valid_sensors
+        read = reader.report
+        rows = read.rows_by_file, dict(read.unused_rows), read.valid_sensors, read.uncalibrated
         return tables, run.report.counts(), rows, dataclasses.asdict(reader.spans[0])
 
     def with_absolute_paths(self) -> SliceWork:
@@ -104,13 +108,14 @@ class SliceWork:
             for (group, _), result in zip(self.positions, results, strict=True):
                 if result is None:
                     raise SliceError
-                tables, counts, (rows_by_file, unused_rows, valid_sensors), span = result
+                tables, counts, (rows_by_file, unused_rows, valid_sensors, uncalibrated), span = result
                 order.add(group, span)
                 if spans is not None:
                     spans.append(span)
                 run.report.take(counts)
                 run.reader.report.unused_rows.update(unused_rows)
                 run.reader.report.valid_sensors |= valid_sensors
+                run.reader.report.uncalibrated |= uncalibrated
                 for name, count in rows_by_file.items():
                     rows[name] = rows.get(name, 0) + count
                 yield from tables

@@ -10,7 +10,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from nlosctl.contract.calibration import Calibration
 from nlosctl.contract.scene import Scene
+from nlosctl.io.calibrations.calibration_file import calibration_digest
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.measurements.windows.chunk_windows import WindowRows
 from nlosctl.io.paths.inputs import Input
@@ -148,6 +150,8 @@ def read_settings(reader: MeasurementReader) -> dict[str, Any]:
     settings["all_rows"] = options.all_rows
     settings["dimensions"] = reader.dimension if reader.dimension == 3 else None
     settings |= {name: list(getattr(options, name)) for name in ("wide", "missing", "where")}
+    if isinstance(options.calibration, Calibration):
+        settings["calibration"] = calibration_digest(options.calibration)
     if options.declination_deg is not None:
         settings["declination_deg"] = options.declination_deg
     if options.speed_std_m_s:

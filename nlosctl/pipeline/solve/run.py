@@ -57,11 +57,11 @@ class MeasurementRun:
         want_flags = "flags" in wanted or any(ADDED[word].needs_flags for word in write.add)
         of_sensors = reader.kind != "triplets" and all(run.spec.job == "localize" for run in self._runs)
         self._counts_residuals = of_sensors and (want_flags or write.report is not None or reader.kind == "arrivals")
+        read: dict[str, Any] = {"kind": reader.kind, "scene": reader.scene, "dimension": reader.dimension}
         self._solver = ChunkSolver(
-            kind=reader.kind,
-            scene=reader.scene,
+            **read,
             runs=self._runs,
-            dimension=reader.dimension,
+            calibration=reader.options.calibration,
             field=options.field,
             block_size=options.block_size,
             alternatives=options.alternatives,

@@ -22,6 +22,7 @@ from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.io.results.measurement_layouts import ChunkTrace, chunk_trace
 from nlosctl.models.search_regions import near_edge
+from nlosctl.pipeline.solve.calibrated.shared_offsets import solver_with_offsets
 from nlosctl.pipeline.solve.merged_flags import flags_of_windows, scattered
 from nlosctl.pipeline.solve.method_runs import BlockSolver, MethodRun
 from nlosctl.pipeline.solve.reference_rows import (
@@ -44,7 +45,6 @@ _WHOLE_FIELD = SensorsField()
 _EDGE_SHARE = 0.01
 """An estimate is on the edge of the search region within this share of the region's larger side."""
 
-
 _LARGEST_KEPT = (32 << 20) - (64 << 10)
 """Just below the largest size to which glibc raises its thresholds."""
 
@@ -62,8 +62,7 @@ class ChunkSolution:
 class ChunkSolver:
     """Solves chunks of one kind of measurement by several methods.
 
-    ``dimension`` is 2 or 3. At most ``block_size`` snapshots are in a dense batch, at most ``alternatives`` estimates
-    of a target are kept.
+    At most ``block_size`` snapshots are in a dense batch, at most ``alternatives`` estimates of a target are kept.
     """
 
     kind: str
@@ -76,6 +75,7 @@ class ChunkSolver:
     want_flags: bool = False
     want_details: bool = False
     want_trace: bool = False
+    calibration: Any = None
 
     def solve(self, chunk: Chunk, seed: SeedArray) -> ChunkSolution:
         """Return the results of all snapshots by each method; ``seed`` (S,) is the random seed of each snapshot."""
@@ -91,6 +91,8 @@ class ChunkSolver:
         ]
         for method, run in enumerate(self.runs):
             solve = run.solver(chunk)
+            if self.calibration is not None:
+                solve = solver_with_offsets(solve, run, chunk, self.calibration)
             if self.scene.frame is not None and self.scene.frame.on_ellipsoid:
                 from nlosctl.pipeline.solve.earth_centred import solver_on_earth
 
@@ -235,7 +237,6 @@ def dense_batch(
 ) -> Batch:
     """Return the dense batch of the rows (B, K) of flat ``columns``: read-only arrays in Fortran order.
 
-    Only a batch in three dimensions has the heights and elevations among the columns.
     ``seed`` (B,) is the random seed of each snapshot, zeros by default; ``flags``, ``details`` and ``trace`` are what
     the batch asks of a method.
     """
@@ -274,8 +275,8 @@ def keep_freed_memory() -> None:
     """Make glibc keep freed memory for the next block of snapshots; no effect with other C libraries.
 
     glibc returns a freed block to the system if it is larger than any block freed before, or if twice that size is free
-    at the end of the heap: each block of snapshots would fault its pages in again, which takes a fifth of the time
-    of the fast methods. Freeing one large array, whose pages are never touched, raises both thresholds for good.
+    at the end of the heap: each block of snapshots would fault its pages in again, a fifth of the time of fast methods.
+    Freeing one large array, whose pages are never touched, raises both thresholds for good.
     """
     np.empty(_LARGEST_KEPT, dtype=np.uint8)
 

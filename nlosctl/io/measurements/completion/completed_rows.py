@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from nlosctl.contract.calibration import Calibration
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.errors import UsageError
 from nlosctl.io.measurements.column_mapping import ColumnPlan
+from nlosctl.io.measurements.completion.calibrated_rows import calibrated_chunk
 from nlosctl.io.measurements.completion.exact_numbers import REST
 from nlosctl.io.measurements.completion.references import arrival_plan, check_arrivals, resolve_references
 from nlosctl.io.measurements.dimensions import check_space, complete_directions, refuse_several_heights
-from nlosctl.io.measurements.row_checks import Fault
+from nlosctl.io.measurements.row_checks import Fault, ReadReport
 from nlosctl.io.measurements.scene_columns import SceneColumns
 
 if TYPE_CHECKING:
@@ -48,13 +50,18 @@ def complete_columns(
         check_arrivals(plan, scene, batch, columns, faults)
 
 
-def completed_chunk(chunk: Chunk, names: Sequence[str], options: InputOptions) -> Chunk:
-    """Return the chunk with the references of its differences; raise DataError where a snapshot's rows disagree.
+def completed_chunk(chunk: Chunk, names: Sequence[str], options: InputOptions, report: ReadReport) -> Chunk:
+    """Return the chunk with the references of its differences, after a calibration.
 
-    ``speed_std`` (N,) is the std of the speed of arrivals as a share of it, if that is uncertain.
+    ``speed_std`` (N,) is the std of the speed of arrivals as a share of it, if that is uncertain. Sensors that the
+    calibration lacks go to the report. Raises DataError where a snapshot's rows disagree.
     """
     refuse_several_heights(chunk)
     if options.speed_std_m_s:
         share = np.full(int(chunk.offsets[-1]), options.speed_std_m_s / options.speed_m_s)
         chunk = replace(chunk, columns={**chunk.columns, "speed_std": share})
-    return resolve_references(chunk, names) if "reference" in chunk.columns else chunk
+    chunk = resolve_references(chunk, names) if "reference" in chunk.columns else chunk
+    if isinstance(options.calibration, Calibration):
+        chunk, lacking = calibrated_chunk(chunk, options.calibration)
+        report.uncalibrated.update(" ".join(key) for key in lacking)
+    return chunk
