@@ -66,8 +66,13 @@ def _fields(module: str, name: str, depth: int) -> Iterator[tuple[str, str]]:
                 if isinstance(base, ast.Name) and depth:
                     yield from _fields(module, base.id, depth - 1)
             for line in statement.body:
-                if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name):
+                if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name) and not _is_shared(line):
                     yield line.target.id, _meaning(line.value)
+
+
+def _is_shared(line: ast.AnnAssign) -> bool:
+    """Whether a line declares a variable of the class, which is no field."""
+    return ast.unparse(line.annotation).startswith("ClassVar")
 
 
 def _meaning(value: ast.expr | None) -> str:
