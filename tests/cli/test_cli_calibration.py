@@ -185,3 +185,17 @@ def test_one_source_of_standard_deviations() -> None:
     table, _ = session("ranges", 3, seed=1)
     with pytest.raises(UsageError, match="`estimate_std` and `calibration` both scale standard deviations"):
         nlosctl.localize(table, calibration=known_offsets("ranges", np.eye(4), 4), estimate_std="file")
+
+
+def test_offsets_of_arrivals_add_their_variance(tmp_path: Path) -> None:
+    """Arrivals lose their offsets, and each row has the variance of its offset beside its own."""
+    (tmp_path / "a.toml").write_text('[[sensor]]\nname = "m1"\narrival_offset_m = 0.5\narrival_offset_std_m = 0.4\n')
+    head = "sensor,sensor_x_m,sensor_y_m,arrival_m,arrival_std_m\n"
+    others = "m2,40,0,22.5,0.3\nm3,40,40,30.1,0.3\nm4,0,40,21.0,0.3\nm5,20,60,40.0,0.3\n"
+    (tmp_path / "m.csv").write_text(f"{head}m1,0,0,26.5,0.3\n{others}")
+    (tmp_path / "by_hand.csv").write_text(f"{head}m1,0,0,26.0,0.5\n{others}")
+    words = ("localize", "--kind", "arrivals")
+    found = output(tmp_path, *words, "m.csv", "--calibration", "a.toml").decode().splitlines()[1].split(",")
+    expected = output(tmp_path, *words, "by_hand.csv").decode().splitlines()[1].split(",")
+    for value, other in zip(found, expected, strict=True):
+        assert value == other or float(value) == pytest.approx(float(other), rel=1e-9)

@@ -37,6 +37,9 @@ from nlosctl.solvers.optimization.split_batches import take_snapshots
 __all__ = ["information_with_offsets", "shared_errors", "solver_with_offsets", "with_own_variances"]
 
 _STDS = {"bearings": "bearing_std_rad", "ranges": "range_std_m", "arrivals": "arrival_std_m"}
+_CORRELATED_KINDS = ("bearings", "ranges")
+"""Kinds whose rows correlate; for others each row has its own variance alone."""
+
 _MOST_NUMBERS = 1 << 22
 """So many entries of row covariances are in memory at a time."""
 
@@ -54,7 +57,7 @@ def solver_with_offsets(solve: BlockSolver, run: MethodRun, chunk: Chunk, calibr
             return solve(batch, row)
         wider = with_own_variances(batch, calibration.kind, shared)
         solution = solve(wider, row)
-        if batch.dimension != 2 or calibration.kind not in SCALED_RESIDUALS:
+        if batch.dimension != 2 or calibration.kind not in _CORRELATED_KINDS:
             return solution
         return _Correlated(run.spec, run.options, calibration.kind).solution(solution, batch, wider, shared)
 
@@ -99,7 +102,7 @@ def information_with_offsets(
     Of rows that can see the point; beyond the plane the offsets are taken as exact.
     """
     shared = shared_errors(calibration.correlated(), entries)
-    if not shared.any() or batch.dimension != 2 or calibration.kind not in SCALED_RESIDUALS:
+    if not shared.any() or batch.dimension != 2 or calibration.kind not in _CORRELATED_KINDS:
         return information
     rows: Any = sight_lines(batch) if calibration.kind == "bearings" else range_rows(batch)
     local = (part - middle for part, middle in zip(point.T, rows.center, strict=False))
