@@ -265,6 +265,15 @@ def test_resume_refuses_another_search_region(cli: Cli, good: Path, tmp_path: Pa
     assert (refused.code, "field was" in refused.err) == (1, True)
 
 
+def test_resume_refuses_another_speed(cli: Cli, tmp_path: Path) -> None:
+    """The speed that makes distances of times decides the results, so a run with another one is not continued."""
+    words = ["localize", FIXTURES / "arrivals" / "good_sound.csv", "-o", "out/", "-q", "--speed-m-s"]
+    assert cli(*words, "sound").code == 0
+    refused = cli(*words, "300", "--resume")
+    assert (refused.code, "speed_m_s was 343.0" in refused.err) == (1, True)
+    assert cli(*words, "343", "--resume").code == 0
+
+
 @pytest.mark.parametrize("finished", [True, False])
 def test_resume_refuses_changed_inputs(cli: Cli, good: Path, tmp_path: Path, finished: bool) -> None:
     """A changed input is refused by name, in finished and unfinished runs; so is a new one."""

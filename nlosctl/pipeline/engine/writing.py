@@ -154,7 +154,7 @@ def read_settings(reader: MeasurementReader) -> dict[str, Any]:
         settings["calibration"] = calibration_digest(options.calibration)
     if options.declination_deg is not None:
         settings["declination_deg"] = options.declination_deg
-    if options.speed_std_m_s:
+    if reader.kind == "arrivals":
         settings |= {"speed_m_s": options.speed_m_s, "speed_std_m_s": options.speed_std_m_s}
     if options.window is not None:
         settings |= {"window": options.window, "by": list(options.by), "timezone": options.timezone}
