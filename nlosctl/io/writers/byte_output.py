@@ -130,13 +130,14 @@ class AtomicFile:
         self._temporary: Path = folder / f".{self._target.name[:100]}.{token}.part"
         self._remove_temporary = weakref.finalize(self, _remove, self._temporary, os.getpid())
         unlocked = folder / f".{token}.part"
-        self.sink: IO[bytes] = unlocked.open("xb")
         try:
+            self.sink: IO[bytes] = unlocked.open("xb")
             try_lock(self.sink.fileno())
             unlocked.rename(self._temporary)  # under this name it is locked from the first moment
         except BaseException:
             unlocked.unlink(missing_ok=True)
-            self.discard()
+            if hasattr(self, "sink"):
+                self.discard()
             raise
 
     def complete(self) -> None:
