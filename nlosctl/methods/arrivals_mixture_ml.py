@@ -74,7 +74,8 @@ def solve(batch: ArrivalBatch, options: ArrivalMixtureOptions) -> Solution:
     Unknowns are the position and the offset. Both exact solutions of every set of as many rows as unknowns are scored
     (of sensors in a plane or on a line those beside it; with a measured height those of one row less at that height),
     the best few that are apart are followed to their modes by Newton steps. A late row is uniform over ``late_m`` after
-    the direct arrival, see `LateArrivals`; no row is early. The cost is the negative log-likelihood in nats.
+    the direct arrival, or by default late by an unknown magnitude, so that its density falls with the delay, see
+    `LateArrivals`; no row is early. The cost is the negative log-likelihood in nats.
 
     no_candidate: no solution in the search region; too_few: fewer scalars than unknowns, or all sensors at one point.
     """
