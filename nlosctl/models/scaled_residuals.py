@@ -44,9 +44,9 @@ class ScaledResiduals:
         offset = None if per_offset is None else np.where(measured, per_offset, 0.0)
         return cls(parts[0], parts[1:], measured.astype(np.float64), offset)
 
-    def at_known_position(self, dimension: int) -> ScaledResiduals:
-        """Return the scalars without the derivatives by the coordinates of the position."""
-        return replace(self, slopes=self.slopes[dimension:])
+    def at_known_position(self, coordinates: int) -> ScaledResiduals:
+        """Return the scalars without the derivatives by the unknown coordinates of the position, the first ones."""
+        return replace(self, slopes=self.slopes[coordinates:])
 
 
 def _bearings(batch: BearingBatch, position_m: FloatArray, *, with_ranges: bool) -> tuple[ScaledResiduals, ...]:
@@ -87,7 +87,8 @@ def _directions(
     scalars = []
     for number, has in enumerate(measured):
         of = slice(number * lines.rows, (number + 1) * lines.rows)
-        scalar = ScaledResiduals.of(residual[:, of], *(slope[:, of] for slope in slopes))
+        per_offset = None if number else -lines.angles.turned() / lines.std[:, of]
+        scalar = ScaledResiduals.of(residual[:, of], *(slope[:, of] for slope in slopes), per_offset=per_offset)
         scalars.append(replace(scalar, measured=scalar.measured * has))
     return tuple(scalars)
 
@@ -110,7 +111,8 @@ def _arrivals(batch: ArrivalBatch, position_m: FloatArray, *, with_ranges: bool)
     if rows.of_pairs:
         return (ScaledResiduals.of(at.residual, *at.slopes),)
     inverse = 1.0 / rows.std_m
-    return (ScaledResiduals.of(at.residual, *(-part * inverse for part in at.along), -inverse),)
+    slopes = (*(-part * inverse for part in at.along), -inverse)
+    return (ScaledResiduals.of(at.residual, *slopes, per_offset=-inverse),)
 
 
 SCALED_RESIDUALS: dict[str, Callable[..., tuple[ScaledResiduals, ...]]] = {

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arrival_batches import arrival_batch
 from batches import bearing_batch, range_batch
 
-from nlosctl.contract.scene import CircleReflector, LineReflector, Scene
+from nlosctl.contract.scene import CircleReflector, LineReflector, PlaneReflector, Scene, SphereReflector
 from nlosctl.models.scaled_residuals import SCALED_RESIDUALS
 
 SENSORS = np.array([[0.0, 0.0], [100.0, 5.0], [40.0, 90.0]])
@@ -65,3 +66,72 @@ def test_ranges_beside_bearings_have_no_offset_of_the_heading() -> None:
     distance = np.hypot(*np.moveaxis(away, -1, 0))
     np.testing.assert_allclose(lengths.residual, (60.0 - distance) / 0.5)
     np.testing.assert_allclose(np.stack(lengths.slopes, axis=-1), -away / distance[..., None] / 0.5)
+
+
+HEIGHTS = np.array([3.0, 8.0, 1.0])
+IN_SPACE = np.column_stack([SOURCE, [12.0, 30.0]])
+CEILING = Scene(
+    reflectors=(
+        PlaneReflector(name="ceiling", point=(0.0, 0.0, 60.0), normal=(0.1, 0.0, -1.0)),
+        SphereReflector(name="layer", center=(50.0, 40.0, 0.0), radius=200.0),
+    )
+)
+
+
+def directions(**columns):
+    """Return a batch of azimuths and elevations near to those of the sources, the last row without an elevation."""
+    away = IN_SPACE[:, None] - np.column_stack([SENSORS, HEIGHTS])
+    azimuth = np.arctan2(away[..., 1], away[..., 0]) + 0.02
+    elevation = np.arctan2(away[..., 2], np.hypot(away[..., 0], away[..., 1])) - 0.03
+    elevation[:, 2] = np.nan
+    height = np.asfortranarray(np.broadcast_to(HEIGHTS, azimuth.shape))
+    batch = bearing_batch(SENSORS, azimuth, [0.02, 0.01, 0.03], dimension=3, sensor_z_m=height, elevation_rad=elevation)
+    return replace(batch, **{"elevation_std_rad": np.where(np.isnan(elevation), np.nan, 0.02), **columns})
+
+
+def turned(batch, by):
+    """Return the scalars at the sources with the measured azimuths less ``by``."""
+    return SCALED_RESIDUALS["bearings"](replace(batch, bearing_rad=batch.bearing_rad - by), IN_SPACE, with_ranges=False)
+
+
+@pytest.mark.parametrize("reflector", [[-1, -1, -1], [-1, 0, 0], [1, 1, -1]])
+def test_offsets_of_headings_in_space(reflector) -> None:
+    """A heading turns the azimuth alone, direct, by a plane mirror or by a sphere; not the elevation."""
+    batch = directions(reflector=np.asfortranarray(np.broadcast_to(reflector, (2, 3))), scene=CEILING)
+    azimuths, elevations = turned(batch, 0.0)
+    assert elevations.per_offset is None
+    (after, rise), (before, fall) = turned(batch, 1e-6), turned(batch, -1e-6)
+    expected = (after.residual - before.residual) / 2e-6
+    np.testing.assert_allclose(azimuths.per_offset, expected, rtol=1e-5)
+    np.testing.assert_allclose(rise.residual, fall.residual, atol=1e-9)
+
+
+def test_offsets_of_headings_in_the_tangent_plane() -> None:
+    """The derivative of the sum of squares is that of the azimuth's part alone, up to the square of a misfit of .03."""
+    std = np.array([[0.02, 0.01, 0.03]] * 2)
+    batch = directions(direction_std_rad=std)
+    azimuths, _ = turned(batch, 0.0)
+    expected = [sum(part.residual**2 for part in turned(batch, by)) for by in (1e-6, -1e-6)]
+    np.testing.assert_allclose(
+        2.0 * azimuths.residual * azimuths.per_offset, (expected[0] - expected[1]) / 2e-6, rtol=1e-3
+    )
+    np.testing.assert_allclose(azimuths.per_offset[:, 2], -1.0 / std[:, 2])
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_offsets_of_arrivals(dimension: int) -> None:
+    """An arrival that is later by its offset leaves that much less; what the snapshot's own takes is its derivative."""
+    arrivals = [[50.0, 60.0, 55.5], [70.0, 60.5, 40.0]]
+    sensors, sources = (SENSORS, SOURCE) if dimension == 2 else (np.column_stack([SENSORS, HEIGHTS]), IN_SPACE)
+    batch = arrival_batch(sensors, arrivals, [0.1, 0.2, 0.5])
+    (scalars,) = SCALED_RESIDUALS["arrivals"](batch, sources, with_ranges=False)
+    np.testing.assert_allclose(scalars.per_offset, scalars.slopes[-1])
+    assert len(scalars.slopes) == dimension + 1
+    shifted = batch.arrival_m.copy()
+    shifted[:, 1] -= 1e-4
+    (after,) = SCALED_RESIDUALS["arrivals"](replace(batch, arrival_m=shifted), sources, with_ranges=False)
+    change = (after.residual - scalars.residual) / 1e-4
+    own = np.zeros((2, 3))
+    own[:, 1] = scalars.per_offset[:, 1]
+    common = (change - own) / scalars.slopes[-1]
+    np.testing.assert_allclose(common, common[:, :1] * np.ones(3), atol=1e-7)

@@ -107,6 +107,15 @@ class MeasuredAngles(RowBlock):
             return np.where(self.has_elevation[:, at] > 0.0, distance, seen.level), distance
         return seen.level, distance
 
+    def turned(self) -> FloatArray:
+        """Return by how much residuals of azimuths (B, K) grow when the measured ones are turned about the vertical.
+
+        In the tangent plane that is less the higher the direction; the plane turns with it, which changes no square.
+        """
+        if not self.in_tangent_plane:
+            return np.ones(self.cos_azimuth.shape, order="F")
+        return np.where(self.has_elevation > 0.0, self.cos_elevation, 1.0)
+
     def at_zenith(self, at: slice, seen: Seen, elevation_std_rad: FloatArray) -> BoolArray:
         """Return in which rows (B, C) vector or measured direction are too near to the zenith for an azimuth."""
         if self.in_tangent_plane:
