@@ -8,6 +8,8 @@ BIN := .venv/bin
 RUNTIME := .venv/runtime-$(notdir $(PYTHON))
 DEV := .venv/dev-$(notdir $(PYTHON))
 LOCK := requirements/dev.lock
+# Tests start the program hundreds of times: without bytecode each start would compile all modules.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-fast format schemas reference figures fixtures benchmark benchmark-peers benchmark-quick \
 	benchmark-compare papers clean coverage reliability mutants chosen-mutants lock audit test-minimum test-newest test-package
