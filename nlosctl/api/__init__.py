@@ -3,7 +3,7 @@
 from nlosctl.api.calibrating import SensorCalibration, calibrate
 from nlosctl.api.files import Plot, convert, describe, evaluate, plot, read, simulate, validate
 from nlosctl.api.solving import Detection, Localization, bound, detect_ip, identify_los, localize
-from nlosctl.pipeline.evaluate.evaluate import Evaluation
+from nlosctl.pipeline.evaluate.groups import Evaluation
 
 __all__ = [
     "Detection",

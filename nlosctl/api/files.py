@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from nlosctl.api.tables import BadRows, SceneLike, TableSink, input_options, inputs_of, row_options, set_aside
+from nlosctl.contract.flags import parse_speed
 from nlosctl.contract.run_options import InputOptions, OutputOptions, SolveOptions
 from nlosctl.contract.scene import Scene
 from nlosctl.errors import UsageError
@@ -18,7 +19,7 @@ from nlosctl.jobs import evaluate as evaluate_job
 from nlosctl.jobs import simulate as simulate_job
 from nlosctl.jobs import validate as validate_job
 from nlosctl.jobs.convert import ConversionReport
-from nlosctl.pipeline.evaluate.evaluate import Evaluation
+from nlosctl.pipeline.evaluate.groups import Evaluation
 
 __all__ = ["Plot", "convert", "describe", "evaluate", "plot", "read", "simulate", "validate"]
 
@@ -171,8 +172,13 @@ def evaluate(
     estimates: Any | None = None,
     ospa_order: float = 2.0,
     ospa_cutoff_m: float = 20.0,
+    by: Sequence[str] = (),
+    speed_m_s: float | str = "light",
 ) -> Evaluation:
     """Compare estimates (or flags) with the ground truth in them, by method; see ``nlosctl evaluate``.
+
+    Each value of the columns ``by`` has figures of its own: those of flags are then of their residuals over their
+    standard deviations, without a truth. ``speed_m_s`` makes lengths of standard deviations of arrival times.
 
     ``truth`` is a table with the true positions of the snapshots, in place of the truth in the estimates. With
     ``estimates``, the table is the flags of `identify_los` that belong to them. All are tables or paths. Raises
@@ -180,13 +186,14 @@ def evaluate(
     """
     evaluation, _ = evaluate_job.evaluate(
         inputs_of(table),
-        InputOptions(),
+        InputOptions(speed_m_s=parse_speed(str(speed_m_s))),
         OutputOptions(),
         truth=None if truth is None else inputs_of(truth),
         estimates=None if estimates is None else _one(estimates),
         ospa_order=ospa_order,
         ospa_cutoff_m=ospa_cutoff_m,
         best_alternative=best_alternative,
+        by=by,
     )
     return evaluation
 

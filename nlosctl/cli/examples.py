@@ -36,6 +36,7 @@ EXAMPLES = {
     "evaluate": (
         "nlosctl evaluate fixes.parquet --fail-if 'ml:coverage_95<0.5'",
         "nlosctl evaluate fixes.parquet -o scores.csv",
+        "nlosctl evaluate flags.parquet --by sensor",
     ),
     "plot": (
         "nlosctl plot bearings.csv fixes.parquet --snapshot 7 -o snapshot.svg",

@@ -101,7 +101,7 @@ class InputOptions:
         _MEASUREMENTS, metavar="DEG")
     speed_m_s: float = option(
         LIGHT_M_S, "--speed-m-s", "Input", "Speed of the wave of arrival times: light, sound (343) or a number in m/s.",
-        _MEASUREMENTS, metavar="SPEED", parse=parse_speed, text="light")
+        f"{_MEASUREMENTS} evaluate", metavar="SPEED", parse=parse_speed, text="light")
     speed_std_m_s: float = option(
         0.0, "--speed-std-m-s", "Input", "Standard deviation of the speed of the wave in m/s; 0: exactly known.",
         f"bound {_ARRIVALS}", metavar="M_S")

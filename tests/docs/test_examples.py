@@ -30,7 +30,10 @@ def _make_inputs(folder: Path) -> None:
     (folder / "angles.csv").write_text("\n".join([angles[0].replace("bearing_rad", "Angle"), *angles[1:], ""]))
     shutil.move(folder / "bearings.csv", folder / "ring.csv")
     swept = run_here("simulate", "ring", "-n", "20", "--sweep", "sensors=4,8", "-q", folder=folder)
-    for words in ("localize ring.csv -m ml -m ls -o fixes.parquet", "localize - -m ls -o s.csv"):
+    for words in (
+        "localize ring.csv -m ml -m ls -o fixes.parquet --flags-out flags.parquet",
+        "localize - -m ls -o s.csv",
+    ):
         assert run_here(*words.split(), "-q", stdin=swept.stdout, folder=folder).returncode == 0
     (folder / "ring.csv").rename(folder / "bearings.csv")
 

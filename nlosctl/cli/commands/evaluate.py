@@ -14,7 +14,7 @@ from nlosctl.contract.run_options import InputOptions, OutputOptions
 from nlosctl.errors import UsageError
 
 if TYPE_CHECKING:
-    from nlosctl.pipeline.evaluate.evaluate import Evaluation
+    from nlosctl.pipeline.evaluate.groups import Evaluation
 
 __all__ = ["evaluate"]
 
@@ -53,6 +53,15 @@ def evaluate(
             help="Alternative that counts: the first, or the nearest to the truth.",
         ),
     ] = "first",
+    by: Annotated[
+        list[str],
+        typer.Option(
+            "--by",
+            metavar="NAME",
+            rich_help_panel="Method",
+            help="Figures for each value of a column, such as sensor. Repeatable.",
+        ),
+    ] = [],  # noqa: B006 - typer copies it
     fail_if: FailIf = [],  # noqa: B006 - typer copies it
     config: ConfigFile = None,
     json: Json = False,
@@ -62,10 +71,12 @@ def evaluate(
     """Compare estimates (or flags) with ground truth: RMSE, bias, percentiles, NEES, ellipse coverage, by method.
 
     Flags of identify-los with --estimates: number of targets, exact identification, precision and recall, OSPA and
-    GOSPA, matched RMSE, cases (i) to (vi). A row without a fix lowers the fix rate and counts as infinite in the
-    percentiles; RMSE, bias and NEES are of the rows with a fix. A terminal gets a line per metric (so does any output
-    with --format text), a pipe or -o a table with a row per method and swept values, for plot. Exit codes: 0 done, 1
-    bad data or files, 2 usage error, 4 a --fail-if condition is met.
+    GOSPA, matched RMSE, cases (i) to (vi). Flags with --by sensor, without a truth: mean, std and autocorrelation of
+    residuals over their standard deviations, and share of outliers, which show the need of a calibration. A row
+    without a fix lowers the fix rate and counts as infinite in the percentiles; RMSE, bias and NEES are of the rows
+    with a fix. A terminal gets a line per metric (so does any output with --format text), a pipe or -o a table with a
+    row per method and swept values, for plot. Exit codes: 0 done, 1 bad data or files, 2 usage error, 4 a --fail-if
+    condition is met.
     """
     from nlosctl.jobs.evaluate import evaluate, evaluation_report
 
@@ -81,6 +92,7 @@ def evaluate(
         ospa_order=ospa_order,
         ospa_cutoff_m=ospa_cutoff_m,
         best_alternative=alternatives == "best",
+        by=by,
         fail_if=fail_if,
         wants_table=not as_text and (write.output != "-" or not json),
     )
@@ -102,6 +114,13 @@ def _render(evaluation: Evaluation) -> None:
         groups.append({"method": "overall", **evaluation.overall})
     titles = [_title(group, number) for number, group in enumerate(groups)]
     names = [name for name, value in groups[-1].items() if _is_metric(name, value)]
+    if evaluation.of == "residuals":
+        by_group = zip(titles, groups, strict=True)
+        print_table(
+            [{"group": title, **{name: _figure(of[name]) for name in names}} for title, of in by_group],
+            ["group", *names],
+        )
+        return
     rows: list[dict[str, Any]] = [
         {"figure": name, **{title: _figure(group[name]) for title, group in zip(titles, groups, strict=True)}}
         for name in names
@@ -114,13 +133,13 @@ def _render(evaluation: Evaluation) -> None:
 
 
 def _is_metric(name: str, value: object) -> bool:
-    from nlosctl.pipeline.evaluate.evaluate import is_label
+    from nlosctl.pipeline.evaluate.groups import is_label
 
     return isinstance(value, int | float) and not is_label(name)
 
 
 def _title(group: dict[str, Any], number: int) -> str:
-    from nlosctl.pipeline.evaluate.evaluate import group_title
+    from nlosctl.pipeline.evaluate.groups import group_title
 
     return group_title(group) or ("all" if number == 0 else f"group {number}")
 

@@ -164,7 +164,8 @@ FLAGS = Table(
             name="std_factor",
             type="number",
             nullable=True,
-            meaning="factor of the row's standard deviation, estimated for its sensor (estimate_std)",
+            meaning="factor of the row's standard deviation: estimated for its sensor (estimate_std), or that of a "
+            "calibration",
         ),
         Column(name="ip", type="boolean", nullable=True, meaning="whether the path is indirect (triplets)"),
         Column(

@@ -7,8 +7,18 @@ from nlosctl.contract.tables.columns import Column, ColumnType, Table
 
 __all__ = ["SCORES"]
 
+_RESIDUALS = (
+    ("residual", "residuals"),
+    ("residual_range", "residuals of ranges beside bearings"),
+    ("residual_elevation", "residuals of elevations"),
+    ("residual_dod", "residuals of departure directions"),
+    ("residual_doa", "residuals of arrival directions"),
+    ("residual_dod_elevation", "residuals of departure elevations"),
+    ("residual_doa_elevation", "residuals of arrival elevations"),
+)
 _COUNTS = (
-    ("rows", "rows with a truth (of flags: and a flag)"),
+    ("rows", "rows with a truth (of flags: and a flag; of residuals: rows with a residual)"),
+    ("rows_used", "rows with a residual that a fix uses"),
     ("without_truth", "rows without a truth, not in any other metric"),
     ("answered", "rows with a fix: a position, and a status other than no_consensus and outside_field"),
     ("nees_rows", "rows with a covariance"),
@@ -77,6 +87,16 @@ _NUMBERS = (
         )
     ),
     ("matched_rmse_m", "m", "root mean square error of the matched targets"),
+    *(
+        (f"{name}_{figure}", "", f"{words} of the {whose} over their standard deviations, of the rows used")
+        for name, whose in _RESIDUALS
+        for figure, words in (
+            ("mean", "mean"),
+            ("std", "standard deviation"),
+            ("autocorrelation", "autocorrelation at lag 1, in the order of the snapshots,"),
+        )
+    ),
+    ("outlier_share", "", "fraction of rows with a residual beyond three of its standard deviations"),
 )
 
 
@@ -86,9 +106,11 @@ def _metric(name: str, type: ColumnType, unit: str, meaning: str) -> Column:
 
 SCORES = Table(
     name="scores",
-    title="Scores: a row per file, method and swept values; the metrics of estimates, flags or targets",
+    title="Scores: a row per file, method and swept values; the metrics of estimates, flags, residuals or targets",
     columns=(
-        Column(name="of", type="text", required=True, meaning="what was evaluated: estimates, flags or targets"),
+        Column(
+            name="of", type="text", required=True, meaning="what was evaluated: estimates, flags, residuals or targets"
+        ),
         Column(name="file", type="text", nullable=True, meaning="name of the input, if there are several"),
         Column(name="source", type="text", nullable=True, meaning="input of the earlier step, if there were several"),
         Column(name="method", type="text", nullable=True, meaning="name of the method"),

@@ -16,6 +16,7 @@ from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.results import Flags, Trace, Words
 from nlosctl.contract.tables import FLAGS, TRACE
 from nlosctl.io.arrow_columns import ARROW_TYPES, SweepColumns
+from nlosctl.io.measurements.completion.calibrated_rows import STD_FACTOR
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import cast, nullable, plain_schema, repeated, snapshot_field
 
@@ -98,8 +99,9 @@ class FlagsLayout:
         if self.sweeps is not None:
             values |= {name: self.sweeps.take(name, np.full(size, number)) for name in self.sweeps.names}
         values["used"] = pa.array(flags.used)
+        known = {name: chunk.columns[name] for name in (STD_FACTOR,) if name in chunk.columns} | dict(flags.columns)
         for name in self.names:
-            values[name] = _flag_values(flags.columns.get(name), self.schema.field(name).type, rows, name)
+            values[name] = _flag_values(known.get(name), self.schema.field(name).type, rows, name)
         values |= {kept: rows.column(name) for kept, name in self._kept.items()}
         columns = [values[field.name] for field in self.schema]
         return pa.table(list(map(cast, columns, self.schema.types)), schema=self.schema)

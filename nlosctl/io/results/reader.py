@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from nlosctl.contract.limits import LARGEST_NUMBER, size
-from nlosctl.contract.tables import KINDS, Table
+from nlosctl.contract.tables import KINDS, ColumnType, Table
 from nlosctl.errors import DataError, did_you_mean
 from nlosctl.io.measurements.row_checks import BadRow, Problem, ProblemLog
 from nlosctl.io.paths.inputs import Input, Part
@@ -25,12 +25,13 @@ _CARRIED = {column.name: column.type for table in KINDS.values() for column in t
 class PlainReader:
     """Reads the parts of one input as the first of several tables of the contract whose columns it has.
 
-    Other columns are kept as they are. ``table`` and ``schema`` are known before the first batch. Raises DataError if
-    the file is not one of the tables, a column has a wrong type, or a cell can't be read.
+    Other columns are kept as they are, those in ``types`` with these types. ``table`` and ``schema`` are known before
+    the first batch. Raises DataError if the file is not one of the tables, a column has a wrong type, or a cell can't
+    be read.
     """
 
-    def __init__(self, given: Input, *tables: Table) -> None:
-        self._given = given
+    def __init__(self, given: Input, *tables: Table, types: Mapping[str, ColumnType] | None = None) -> None:
+        self._given, self._types = given, types or {}
         self._log = ProblemLog()
         source = open_part(given.parts[0], size("chunk_rows"), True)
         self.table = _table_of(given.parts[0], source, tables)
@@ -68,7 +69,7 @@ class PlainReader:
         return self._start(part, source)
 
     def _start(self, part: Part, source: TableFile) -> tuple[TableFile, Any]:
-        types = {**_CARRIED, **{column.name: column.type for column in self.table.columns}}
+        types = {**_CARRIED, **self._types, **{column.name: column.type for column in self.table.columns}}
         types = {name: kind for name, kind in types.items() if name in source.names}
         try:
             return source, source.start(types, None)

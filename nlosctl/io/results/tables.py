@@ -97,10 +97,10 @@ def bound_table(
     return pa.table(columns, schema=schema)
 
 
-def score_table(of: str, groups: Sequence[Mapping[str, Any]]) -> Any:
+def score_table(of: str, groups: Sequence[Mapping[str, Any]], by: Sequence[str] = ()) -> Any:
     """Return the metrics of ``groups``, a row each, in the columns of the contract; NaN and infinity become null.
 
-    Counts by status become columns ``status_WORD``; curves are left out.
+    Counts by status become columns ``status_WORD``; curves are left out. Values of the columns ``by`` are text.
     """
     words = dict.fromkeys(word for group in groups for word in group.get("statuses", {}))
     rows = [_score_row(of, group, words) for group in groups]
@@ -109,7 +109,9 @@ def score_table(of: str, groups: Sequence[Mapping[str, Any]]) -> Any:
     labels = [field for field in fields if field.type == pa.string()]
     numbers = [field for field in fields if field.type != pa.string()]
     swept = [pa.field(name, pa.array([row.get(name) for row in rows]).type) for name in rows[0] if is_swept(name)]
-    return pa.Table.from_pylist(rows, schema=pa.schema([*labels, *swept, *numbers]))
+    given = {*_LABELS, *(field.name for field in swept)}
+    values = [pa.field(name, pa.string()) for name in by if name not in given]
+    return pa.Table.from_pylist(rows, schema=pa.schema([*labels, *values, *swept, *numbers]))
 
 
 def _score_row(of: str, group: Mapping[str, Any], words: Iterable[str]) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from nlosctl.evaluation.targets import EchoRows, TargetScores
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.results.evaluation_arrays import boolean_codes, fit_arrays, group_codes, numbers, whole_snapshots
 from nlosctl.io.results.reader import PlainReader
-from nlosctl.pipeline.evaluate.evaluate import Evaluation, grouping_columns, present
+from nlosctl.pipeline.evaluate.groups import Evaluation, grouping_columns, present
 
 __all__ = ["evaluate_targets"]
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError, did_you_mean
-from nlosctl.pipeline.evaluate.evaluate import group_title, is_label
+from nlosctl.pipeline.evaluate.groups import group_title, is_label
 
 __all__ = ["Condition", "parse_condition"]
 

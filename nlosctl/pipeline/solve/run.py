@@ -55,8 +55,8 @@ class MeasurementRun:
         self._optional = self._optional_columns()
         self._layouts = self._wanted_layouts()
         want_flags = "flags" in wanted or any(ADDED[word].needs_flags for word in write.add)
-        of_sensors = reader.kind != "triplets" and all(run.spec.job == "localize" for run in self._runs)
-        self._counts_residuals = of_sensors and (want_flags or write.report is not None or reader.kind == "arrivals")
+        localizes = all(run.spec.job == "localize" for run in self._runs)
+        self._counts_residuals = localizes and reader.kind != "triplets"
         read: dict[str, Any] = {"kind": reader.kind, "scene": reader.scene, "dimension": reader.dimension}
         self._solver = ChunkSolver(
             **read,
@@ -203,8 +203,8 @@ class MeasurementRun:
         given, reader = self.reader.measured_columns | set(self.reader.schema.names), self.reader
         asked: dict[str, Any] = {"details": self._write.details, "dimension": reader.dimension}
         columns = (run.spec.flag_columns(run.options, reader.scene, given, **asked) for run in self._runs)
-        own = ("std_factor",) if self._options.estimate_std == "sensor" else ()
-        return tuple(dict.fromkeys(name for names in (*columns, own) for name in names))
+        factors = self._options.estimate_std == "sensor" or reader.options.calibration is not None
+        return tuple(dict.fromkeys(name for names in (*columns, ("std_factor",) * factors) for name in names))
 
     def _measurement_name(self) -> str:
         name = KINDS[self.reader.kind].measurement_name

@@ -14,7 +14,8 @@ from nlosctl.contract.statuses import Status
 from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.evaluation.estimates import EstimateRows
 from nlosctl.io.results.plot_inputs import PlotInput, read_sampled
-from nlosctl.pipeline.evaluate.evaluate import evaluate_inputs, group_title, is_label
+from nlosctl.pipeline.evaluate.evaluate import evaluate_inputs
+from nlosctl.pipeline.evaluate.groups import group_title, is_label
 from nlosctl.plotting.axis_labels import figure_label, parameter_label, std_error_of
 from nlosctl.plotting.figures import axis_label, figure_style, styles_by_part
 from nlosctl.plotting.library import Axes

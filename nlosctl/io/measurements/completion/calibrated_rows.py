@@ -17,10 +17,13 @@ from nlosctl.io.measurements.completion.sensor_keys import sensor_keys
 if TYPE_CHECKING:
     from nlosctl.io.measurements.reader import Chunk
 
-__all__ = ["OFFSET_ENTRY", "calibrated_chunk", "calibrated_columns"]
+__all__ = ["OFFSET_ENTRY", "STD_FACTOR", "calibrated_chunk", "calibrated_columns"]
 
 OFFSET_ENTRY = "offset_entry"
 """The column with the index of each row's entry of the calibration, -1 without one."""
+
+STD_FACTOR = "std_factor"
+"""The column with the factor of each row's standard deviations, which flags have too."""
 
 _LEAST_SHARE = 1e-3
 """A range that is not longer than its offset becomes this share of its standard deviation: ranges are positive."""
@@ -35,7 +38,7 @@ def calibrated_chunk(chunk: Chunk, calibration: Calibration) -> tuple[Chunk, lis
     offset = np.array([*(entry.offset for entry in calibration.entries), 0.0])[entries] * calibration.quantity.scale
     scale = np.array([*(entry.std_scale for entry in calibration.entries), 1.0])[entries]
     columns = calibrated_columns(chunk.columns, calibration.kind, offset[codes], scale[codes])
-    return replace(chunk, columns={**columns, OFFSET_ENTRY: entries[codes]}), lacking
+    return replace(chunk, columns={**columns, OFFSET_ENTRY: entries[codes], STD_FACTOR: scale[codes]}), lacking
 
 
 def calibrated_columns(
