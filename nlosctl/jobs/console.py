@@ -15,7 +15,9 @@ Progress = Callable[[int, int | None], None]
 
 
 class Console(Protocol):
-    """Shows the progress of a job."""
+    """Shows the progress of a job; a ``quiet`` one no summary."""
+
+    quiet: bool
 
     def progress(self, title: str) -> AbstractContextManager[Progress]:
         """Return a context manager that shows progress under ``title`` until it ends."""
@@ -31,6 +33,8 @@ class Console(Protocol):
 
 class Silent:
     """A console without output."""
+
+    quiet = True
 
     def progress(self, title: str) -> AbstractContextManager[Progress]:
         """Return a function without output."""

@@ -73,7 +73,8 @@ def solve(
             from nlosctl.pipeline.solve.stds.unknown_std import with_unknown_std
 
             runs = with_unknown_std(runs, opened.reader.kind, options.estimate_std)
-        start = partial(MeasurementRun, runs=runs, options=options, write=write, wanted=wanted)
+        shown = not destination.console.quiet
+        start = partial(MeasurementRun, runs=runs, options=options, write=write, wanted=wanted, summarized=shown)
         run = start(opened.reader)
         if _needs_passes(runs, options):
             start = partial(start, runs=_learn(runs, opened, options, write, destination))

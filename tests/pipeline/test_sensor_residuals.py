@@ -166,7 +166,7 @@ def test_parts_without_residuals_are_noted(tmp_path: Path, localize: Localize) -
     next((tmp_path / "out").glob("*1.parquet")).unlink()
     report, summary = localize(tmp_path / "parts", "--resume", output="out/")
     assert "sensors" not in report
-    assert "no mean residuals of sensors: a part of the results is of an earlier run, without --report" in summary
+    assert "no mean residuals of sensors: a part of the results is of an earlier run that did not count them" in summary
 
 
 @pytest.mark.parametrize("pairs", [[(2, 1), (2, 3), (2, 5)], [(1, 2), (3, 2), (5, 2)], [(1, 2), (2, 3), (5, 2)]])

@@ -48,6 +48,7 @@ class MeasurementRun:
         options: SolveOptions,
         write: OutputOptions,
         wanted: Collection[str],
+        summarized: bool = False,
     ) -> None:
         self.reader, self._runs, self._options, self._write = reader, tuple(runs), options, write
         self._wanted = tuple(wanted)
@@ -55,8 +56,8 @@ class MeasurementRun:
         self._optional = self._optional_columns()
         self._layouts = self._wanted_layouts()
         want_flags = "flags" in wanted or any(ADDED[word].needs_flags for word in write.add)
-        localizes = all(run.spec.job == "localize" for run in self._runs)
-        self._counts_residuals = localizes and reader.kind != "triplets"
+        of_sensors = reader.kind != "triplets" and all(run.spec.job == "localize" for run in self._runs)
+        self._counts_residuals = of_sensors and (want_flags or write.report is not None or summarized)
         read: dict[str, Any] = {"kind": reader.kind, "scene": reader.scene, "dimension": reader.dimension}
         self._solver = ChunkSolver(
             **read,
@@ -183,11 +184,12 @@ class MeasurementRun:
         layouts: dict[str, Any] = {}
         carried = carried_columns(reader.column_names, self._write.carry, reader.options.by)
         if "estimates" in self._wanted:
+            single = KINDS[reader.kind].measurement_name
             layouts["estimates"] = EstimatesLayout(
                 **shared,
                 carried=carried,
                 optional=self._optional,
-                measurement_name=self._measurement_name(),
+                measurement_name=single if single in reader.schema.names else "",
                 frame="" if reader.scene.frame is None else reader.scene.frame.words,
             )
         if "flags" in self._wanted:
@@ -205,10 +207,6 @@ class MeasurementRun:
         columns = (run.spec.flag_columns(run.options, reader.scene, given, **asked) for run in self._runs)
         factors = self._options.estimate_std == "sensor" or reader.options.calibration is not None
         return tuple(dict.fromkeys(name for names in (*columns, ("std_factor",) * factors) for name in names))
-
-    def _measurement_name(self) -> str:
-        name = KINDS[self.reader.kind].measurement_name
-        return name if name in self.reader.schema.names else ""
 
     def _without_unused_columns(self, chunk: Chunk) -> Chunk:
         """Return the chunk with only those columns of its table that results carry: it may be sent to a process."""

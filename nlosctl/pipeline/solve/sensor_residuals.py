@@ -101,7 +101,7 @@ def sensor_entries(tallies: Mapping[str, MethodTally]) -> list[dict[str, Any]]:
 def sensor_remarks(kind: str, tallies: Mapping[str, MethodTally]) -> list[str]:
     """Return a line for each method that names the sensor with the largest of the means that are far from zero."""
     if any(tally.lacks_residuals for tally in tallies.values()):
-        return ["no mean residuals of sensors: a part of the results is of an earlier run, without `report`"]
+        return ["no mean residuals of sensors: a part of the results is of an earlier run that did not count them"]
     lines = []
     for method, tally in tallies.items():
         far = [entry for entry in _means(tally.residuals or {}) if entry.is_far_from_zero]
