@@ -48,7 +48,7 @@ class _Series:
         self.sums.add_groups([keys[number] for number in present.tolist()], codes, terms)
 
     def figures(self, groups: Sequence[Hashable]) -> tuple[float, float, float]:
-        """Return mean, std and autocorrelation at lag 1 of the residuals of ``groups``; NaN where there is none.
+        """Return mean, std and autocorrelation at lag 1 of the residuals of ``groups``; NaN where it is undefined.
 
         The autocorrelation is the sum of products of consecutive deviations from the mean over that of their squares.
         """
@@ -77,7 +77,7 @@ class ResidualScores:
     def add(
         self, residuals: Mapping[str, FloatArray], used: BoolArray, group: IntArray, keys: Sequence[Hashable]
     ) -> None:
-        """Add rows (N,) in the order of the snapshots: standardized residuals by name, NaN where there is none.
+        """Add rows (N,) in the order of the snapshots: standardized residuals by name, NaN for a missing one.
 
         Means, scatter and autocorrelation are of rows ``used`` by a fix. ``group`` (N,) indexes ``keys``.
         """

@@ -63,7 +63,7 @@ class StandardizedResiduals:
     """The residual columns of flags that can be standardized, by the names of their figures.
 
     A residual is ``residual``, but those of elevations, departures and arrivals, and ranges beside bearings, whose
-    names have what they are of. ``std_factor`` tells whether the rows have a factor of their std.
+    names have what they are of. ``std_factor``: the rows have a factor of their std.
     """
 
     of: Mapping[str, _Residual]
@@ -94,7 +94,7 @@ class StandardizedResiduals:
         return cls(of={figure: residual for figure, residual in found.items() if residual}, std_factor=factor)
 
     def read(self, table: Any, file: str) -> dict[str, FloatArray]:
-        """Return the standardized residuals (N,) of a table by the names of their figures, NaN where there is none.
+        """Return the standardized residuals (N,) of a table by the names of their figures, NaN for a missing one.
 
         Raises DataError for a standard deviation that is not positive.
         """
