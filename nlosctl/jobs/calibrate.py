@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from nlosctl.contract.calibration import OFFSETS
 from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE
 from nlosctl.contract.run_options import InputOptions, OutputOptions, SolveOptions
+from nlosctl.contract.tables import TRUTH_HEIGHT
 from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import Input
@@ -18,7 +19,7 @@ from nlosctl.io.results.truth_table import TruthTable
 from nlosctl.io.writers.output_set import OutputSet, check_targets
 from nlosctl.jobs.files import Destination, naming_importer, open_inputs, open_measurements, open_output, write_report
 from nlosctl.jobs.solve import input_passes, readable_again
-from nlosctl.pipeline.calibrate.calibration_report import CalibrationReport, calibration_of
+from nlosctl.pipeline.calibrate.calibration_report import CalibrationReport
 from nlosctl.pipeline.calibrate.known_positions import OWN_COLUMNS, KnownPositions
 from nlosctl.pipeline.calibrate.offset_passes import estimate_offsets
 from nlosctl.pipeline.calibrate.offset_sums import OffsetSums
@@ -37,14 +38,14 @@ class Prior:
     offset_prior_deg: float | None = None
 
     def std(self, kind: str) -> float | None:
-        """Return the std for a kind of measurement, in the unit of files; raise UsageError for one of another unit."""
+        """Return the std for a kind of measurement, in its unit; raise UsageError for one that is of another kind."""
         own, other = ("deg", "m") if OFFSETS[kind].unit == "deg" else ("m", "deg")
         if getattr(self, f"offset_prior_{other}") is not None:
             raise UsageError(f"`offset_prior_{other}` is not for {kind}; set `offset_prior_{own}`")
         std: float | None = getattr(self, f"offset_prior_{own}")
         if std is not None and not 0.0 < std < math.inf:
             raise UsageError(f"`offset_prior_{own}` must be a finite number larger than 0. Got {std:g} instead.")
-        return std
+        return None if std is None else std * OFFSETS[kind].scale
 
 
 def calibrate(
@@ -65,10 +66,8 @@ def calibrate(
     """
     options = dataclasses.replace(options, jobs=options.jobs or usable_jobs(0))
     by = tuple(read.by)
-    used = (*by, *TRUTH_NAMES, "truth_z_m") if truth == OWN_COLUMNS else by
-    read = dataclasses.replace(
-        read, use_threads=options.jobs != 1, by=() if read.window is None else by, extra_columns=used
-    )
+    used = (*by, *TRUTH_NAMES, TRUTH_HEIGHT.name) if truth == OWN_COLUMNS else by
+    read = _read_options(read, options, used)
     with naming_importer(inputs):
         given = open_inputs(inputs, read.input_format)
     table = _truth_table(truth)
@@ -79,43 +78,48 @@ def calibrate(
     ):
         targets = [*destination.targets.values(), None if write.report == "-" else write.report]
         check_targets(targets, overwrite=write.overwrite, inputs=opened.protected)
-        reader = opened.reader
-        _check_groups(by, reader)
-        run = _method_run(reader, options)
-        prior_std = (prior or Prior()).std(reader.kind)
-        known = None if truth is None else KnownPositions.of(reader, table)
+        known = None if truth is None else KnownPositions.of(opened.reader, table)
+        sums = _sums(opened.reader, options, by, known)
+        prior_std = (prior or Prior()).std(sums.kind)
         opened.set_bad_rows_aside(write, outputs)
-        with destination.console.progress("calibrate") as progress:
-            for _ in reader.chunks():
-                progress(reader.report.rows_in_all, None)
-        sums = OffsetSums(
-            kind=reader.kind,
-            dimension=reader.dimension,
-            scene=reader.scene,
-            run=run,
-            options=options,
-            by=by,
-            current={},
-            truth=known,
-        )
-        estimate = estimate_offsets(
-            sums,
-            None if prior_std is None else prior_std * OFFSETS[reader.kind].scale,
-            input_passes(opened, options, write),
-            ("sensor", *used),
-            destination.console.detail,
-            reader.report.snapshots,
-        )
-        report = CalibrationReport(
-            calibration=calibration_of(estimate, reader.kind, by),
-            estimate=estimate,
-            reader=reader,
-            method=run.label,
-            prior=prior_std,
-            truth="" if truth is None else "known",
-        )
+        _count_rows(opened.reader, destination)
+        passes, show = input_passes(opened, options, write), destination.console.detail
+        estimate = estimate_offsets(sums, prior_std, passes, ("sensor", *used), show, opened.reader.report.snapshots)
+        report = CalibrationReport.of(estimate, sums, opened.reader, prior_std)
         _write(report, write, destination, outputs)
     return report
+
+
+def _read_options(read: InputOptions, options: SolveOptions, used: tuple[str, ...]) -> InputOptions:
+    """Return the options of reading with the columns ``used``; raise UsageError for an uncertain speed."""
+    if read.speed_std_m_s:
+        raise UsageError("a calibration takes the speed of the wave as exactly known; leave `speed_std_m_s` out")
+    by = () if read.window is None else read.by
+    return dataclasses.replace(read, use_threads=options.jobs != 1, by=by, extra_columns=used)
+
+
+def _sums(
+    reader: MeasurementReader, options: SolveOptions, by: tuple[str, ...], known: KnownPositions | None
+) -> OffsetSums:
+    """Return the statistic of the passes, from offsets of zero; raise the errors of groups and of the method."""
+    _check_groups(by, reader)
+    return OffsetSums(
+        kind=reader.kind,
+        dimension=reader.dimension,
+        scene=reader.scene,
+        run=_method_run(reader, options),
+        options=options,
+        by=by,
+        current={},
+        truth=known,
+    )
+
+
+def _count_rows(reader: MeasurementReader, destination: Destination) -> None:
+    """Read the input to its end, with progress: its report counts the rows, and bad ones are set aside."""
+    with destination.console.progress("calibrate") as progress:
+        for _ in reader.chunks():
+            progress(reader.report.rows_in_all, None)
 
 
 def _check_groups(by: Sequence[str], reader: MeasurementReader) -> None:
@@ -146,8 +150,6 @@ def _method_run(reader: MeasurementReader, options: SolveOptions) -> MethodRun:
     if getattr(run.options, "law", "gaussian") != "gaussian":
         raise UsageError(f"`parameters` law={run.options.law} has no offsets; leave it out to calibrate")
     refuse_dimension(runs, reader.dimension, options.field)
-    if reader.dimension == 3 or reader.kind == "arrivals":
-        raise UsageError("a calibration is of bearings or ranges in two dimensions; set `dimensions` to 2")
     return run
 
 

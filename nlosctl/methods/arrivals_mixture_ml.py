@@ -25,7 +25,7 @@ from nlosctl.solvers.mixture.outlier_counts import expected_counts, next_alpha
 from nlosctl.solvers.mixture.outlier_options import LateOptions
 from nlosctl.solvers.mixture.outside import OutsideSearch
 from nlosctl.solvers.mixture.posterior import direct_probability, posterior_covariance
-from nlosctl.solvers.mixture.ranked_estimates import ranked_estimates, ranked_flags
+from nlosctl.solvers.mixture.ranked_estimates import rank_modes, ranked_estimates, ranked_flags
 
 __all__ = ["METHOD", "ArrivalMixtureOptions", "solve"]
 
@@ -139,6 +139,27 @@ def _offset_columns(arrivals: ArrivalRows, offset_m: FloatArray, covariance: Sym
     return {**columns, **dict(zip(names, cross, strict=False))}
 
 
+def _direct_rows(
+    batch: ArrivalBatch, options: ArrivalMixtureOptions, known_m: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return the likeliest position (B, D) and the probability (B, K) of each row to be direct there, else NaN.
+
+    With known positions (B, D) those are the positions, at their likeliest offset.
+    """
+    model, candidates = _prepare(batch, options)
+    arrivals = model.arrivals
+    if known_m is not None:
+        point = tuple(known_m[:, axis] - middle for axis, middle in enumerate(arrivals.center))
+        return known_m, model.mixture.responsibilities(*point, model.likeliest_offset(*point))[0]
+    fixes, direct = rank_modes(model.mixture, _modes(model, candidates, options, None))
+    return np.stack(arrivals.absolute(*fixes.best_point[:-1]), axis=1), direct
+
+
+def _std_fault(options: ArrivalMixtureOptions, pool: str) -> str:
+    """Return why it can't estimate standard deviations: the residuals of late rows determine none."""
+    return "`estimate_std` is not for arrivals that may be late; use `method` ml"
+
+
 def _count_outliers(batch: ArrivalBatch, options: ArrivalMixtureOptions) -> FloatArray:
     """Return the expected numbers (B, 2) of late rows and of rows."""
     model, candidates = _prepare(batch, options)
@@ -166,5 +187,7 @@ METHOD = MethodSpec(
     covariance_kinds=("inliers", "posterior"),
     randomized=True,
     dimensions=(2, 3),
+    direct_rows=_direct_rows,
+    std_fault=_std_fault,
     learning=Learning(options=("alpha",), statistics=_count_outliers, update=_next_options),
 )

@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 
 from nlosctl.arrays import FloatArray, ignoring_division
-from nlosctl.contract.batches import ArrivalBatch, BearingBatch, RangeBatch
+from nlosctl.contract.batches import ArrivalBatch, Batch, BearingBatch, RangeBatch
 from nlosctl.errors import UsageError
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.arrivals import arrival_rows
 from nlosctl.models.bearings import SightLines
+from nlosctl.models.measured_height import GroundHeight
 from nlosctl.models.ranges.spheres import range_rows
 from nlosctl.models.sight import bearing_lines
 from nlosctl.models.space.lines import SpaceLines
 
-__all__ = ["SCALED_RESIDUALS", "ScaledResiduals", "at_minimum", "leverages"]
+__all__ = ["SCALED_RESIDUALS", "ScaledResiduals", "at_minimum", "height_residual", "leverages"]
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def _directions(
         known = np.isfinite(range_m) & np.isfinite(range_std_m)
         lines = lines.with_ranges(np.where(known, range_m, np.nan), range_std_m, lognormal=False)
         measured.append(known.astype(np.float64))
-    if lines.std.shape[1] > lines.of_rows:
+    if isinstance(lines.height, GroundHeight):
         raise UsageError("`estimate_std` of sensors is not for heights above a sphere; set it to snapshot or file")
     point = [position_m[:, axis] - lines.center[axis] for axis in range(lines.unknowns)]
     with ignoring_division():
@@ -126,12 +127,34 @@ The offset of arrivals is the likeliest at the position; independent differences
 """
 
 
-def leverages(scalars: tuple[ScaledResiduals, ...], weight: FloatArray) -> tuple[SymmetricMatrix, list[FloatArray]]:
+_HEIGHTS: dict[str, Callable[[Any], tuple[Any, Any]]] = {
+    "bearings": lambda batch: ((lines := bearing_lines(batch)).center, getattr(lines, "height", None)),
+    "ranges": lambda batch: ((rows := range_rows(batch)).center, getattr(rows, "level", None)),
+    "arrivals": lambda batch: ((rows := arrival_rows(batch)).center, rows.level),
+}
+"""By kind: a batch to its local origins and the measured height of its source about them."""
+
+
+def height_residual(kind: str, batch: Batch, position_m: FloatArray) -> ScaledResiduals | None:
+    """Return the measured heights (B, 1) of sources at positions (B, D) as scalars; None if none is measured."""
+    if batch.target_z_m is None or batch.height_held:
+        return None
+    center, height = _HEIGHTS[kind](batch)
+    point = [position_m[:, axis] - middle for axis, middle in enumerate(center)]
+    slopes = [-slope[:, None] for slope in height.scaled_slopes(*point)]
+    if kind == "arrivals":
+        slopes.append(np.zeros((batch.size, 1)))
+    return ScaledResiduals.of(-height.scaled_residual(*point)[:, None], *slopes)
+
+
+def leverages(
+    scalars: tuple[ScaledResiduals, ...], weight: FloatArray, further: SymmetricMatrix | None = None
+) -> tuple[SymmetricMatrix, list[FloatArray]]:
     """Return the information J'WJ (B,) and leverages w g' (J'WJ)^-1 g (B, K) of each scalar of rows with a ``weight``.
 
-    Leverages are not finite where the information is singular.
+    ``further`` is information (B,) from elsewhere. Leverages are not finite where the information is singular.
     """
-    information: Any = None
+    information: Any = further
     for scalar in scalars:
         part = SymmetricMatrix.gram(*scalar.slopes, weight=weight)
         information = part if information is None else information + part

@@ -397,3 +397,21 @@ def test_random_subsets_do_not_depend_on_the_batch() -> None:
     every = solve(world.batch, max_subsets=2000).estimates
     cost = [part.cost[part.alternative == 0] for part in (whole.estimates, every)]
     np.testing.assert_allclose(cost[0], cost[1], atol=1e-6)
+
+
+def test_the_likeliest_offset_at_known_positions_is_that_of_a_fine_grid() -> None:
+    """No offset on a grid over all arrivals is likelier than the one at the true position, with late rows too."""
+    world = ring(10, seed=17)
+    model = arrival_outlier_model(world.batch, alpha=0.25, late_m=None)
+    point = tuple(part - middle for part, middle in zip(world.source.T, model.arrivals.center, strict=True))
+    offset = model.likeliest_offset(*point)
+    grid = np.linspace(-1200.0, 1200.0, 12001)
+    for snapshot in range(10):
+        one = model.take(np.array([snapshot]))
+        at = tuple(np.full((1, grid.size), part[snapshot]) for part in point)
+        least = one.mixture.score(*at, grid[None, :]).min()
+        found = one.mixture.score(*(part[:, :1] for part in at), np.array([[offset[snapshot]]]))[0, 0]
+        assert found < least + 1e-2
+    position, direct = METHOD.direct_rows(world.batch, METHOD.options(), world.source)
+    assert position is world.source
+    assert np.mean((direct > 0.5) == world.direct) > 0.9

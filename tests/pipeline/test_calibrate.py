@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from calibration_worlds import NAMES, STDS, joined, rows, session
-from scipy.optimize import least_squares
+from calibration_worlds import NAMES, STDS, joined, joint_fit, rows, session
 
 import nlosctl
 from nlosctl.errors import DataError, UsageError
@@ -19,27 +18,6 @@ def offsets(calibrated):
     unit = calibration.quantity.scale
     values = np.array([entry.offset for entry in calibration.entries]) * unit
     return values, calibration.covariance * unit**2, np.array([entry.std_scale for entry in calibration.entries])
-
-
-def joint_fit(kind, table, scale, start, prior=None):
-    """Return offsets and covariance by dense least squares over all positions and offsets, with scaled stds."""
-    name, std_name = NAMES[kind]
-    sensor = np.array([int(text[1:]) for text in table["sensor"]])
-    snapshot = np.unique(table["snapshot"], return_inverse=True)[1]
-    std, count = table[std_name] * scale[sensor], len(scale)
-    truth = np.stack([table["truth_x_m"], table["truth_y_m"]], axis=1)
-    positions = np.stack([truth[snapshot == number][0] for number in range(snapshot.max() + 1)])
-
-    def residuals(state):
-        point = state[count:].reshape(-1, 2)[snapshot]
-        dx, dy = point[:, 0] - table["sensor_x_m"], point[:, 1] - table["sensor_y_m"]
-        predicted = np.arctan2(dy, dx) if kind == "bearings" else np.hypot(dx, dy)
-        error = table[name] - predicted - state[sensor]
-        error = np.arctan2(np.sin(error), np.cos(error)) if kind == "bearings" else error
-        return np.concatenate([error / std, [] if prior is None else state[:count] / prior])
-
-    fit = least_squares(residuals, np.concatenate([start, positions.ravel()]), x_scale="jac", xtol=1e-14, ftol=1e-14)
-    return fit.x[:count], np.linalg.inv(fit.jac.T @ fit.jac)[:count, :count]
 
 
 @pytest.mark.parametrize("kind", ["bearings", "ranges"])

@@ -13,6 +13,26 @@ from nlosctl.contract.run_options import InputOptions, OutputOptions, SolveOptio
 
 __all__ = ["calibrate"]
 
+PriorM = Annotated[
+    float | None,
+    typer.Option(
+        "--offset-prior-m", metavar="M", rich_help_panel="Method", help="Std of a prior on each offset, in metres."
+    ),
+]
+PriorDeg = Annotated[
+    float | None,
+    typer.Option(
+        "--offset-prior-deg",
+        metavar="DEG",
+        rich_help_panel="Method",
+        help="Std of a prior on each heading's offset, in degrees.",
+    ),
+]
+TableOut = Annotated[
+    str | None,
+    typer.Option("--table-out", metavar="FILE", rich_help_panel="Output", help="Also write the offsets as a table."),
+]
+
 
 @takes_options(method=("ml",))
 def calibrate(
@@ -22,27 +42,9 @@ def calibrate(
     write: OutputOptions,
     *,
     truth: Truth = None,
-    offset_prior_m: Annotated[
-        float | None,
-        typer.Option(
-            "--offset-prior-m", metavar="M", rich_help_panel="Method", help="Std of a prior on each offset, in metres."
-        ),
-    ] = None,
-    offset_prior_deg: Annotated[
-        float | None,
-        typer.Option(
-            "--offset-prior-deg",
-            metavar="DEG",
-            rich_help_panel="Method",
-            help="Std of a prior on each heading's offset, in degrees.",
-        ),
-    ] = None,
-    table_out: Annotated[
-        str | None,
-        typer.Option(
-            "--table-out", metavar="FILE", rich_help_panel="Output", help="Also write the offsets as a table."
-        ),
-    ] = None,
+    offset_prior_m: PriorM = None,
+    offset_prior_deg: PriorDeg = None,
+    table_out: TableOut = None,
     config: ConfigFile = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -51,7 +53,7 @@ def calibrate(
     """Estimate the offset of each sensor and the factor of its standard deviations, as a calibration (TOML).
 
     The positions of all snapshots are estimated with the offsets, or known: --truth FILE, or --truth columns for the
-    truth columns of the input. Bearings have an offset of the
+    truth columns of the input, which are not used otherwise. Bearings have an offset of the
     heading, ranges and arrivals one of their length: measured = true + offset. What the measurements do not determine
     stays at zero and is named. The input is read several times. Exit codes: 0 done, 1 bad data or files, 2 usage error,
     130 interrupted.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,10 +15,11 @@ from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.measurements.windows.window_tally import window_remarks
 from nlosctl.io.results.layouts import TRUTH_NAMES
 from nlosctl.pipeline.calibrate.offset_passes import MOST_PASSES, OffsetEstimate
+from nlosctl.pipeline.calibrate.offset_sums import OffsetSums
 from nlosctl.solvers.calibration.offset_solution import Combination
 from nlosctl.version import __version__
 
-__all__ = ["CalibrationReport", "calibration_of"]
+__all__ = ["CalibrationReport"]
 
 _FEWEST_PLACES = 10
 _MOST_NAMES = 10
@@ -26,7 +27,7 @@ _BAD_FIT = 3.0
 """Residuals this many times as large as the stated standard deviations are not those of an offset."""
 
 
-def calibration_of(estimate: OffsetEstimate, kind: str, by: Sequence[str]) -> Calibration:
+def _calibration_of(estimate: OffsetEstimate, kind: str, by: Sequence[str]) -> Calibration:
     """Return the calibration of an estimate, in the unit of files."""
     scale, solution = OFFSETS[kind].scale, estimate.solution
     std = np.sqrt(np.diag(solution.covariance)) / scale
@@ -49,8 +50,8 @@ def calibration_of(estimate: OffsetEstimate, kind: str, by: Sequence[str]) -> Ca
 class CalibrationReport:
     """The summary of a calibration: what was read, what was found, and remarks on it.
 
-    ``prior`` is the std of the prior in the unit of files, None without one; ``truth`` is where the known positions
-    are from, empty if they are estimated.
+    ``prior`` is the std of the prior in the unit of files, None without one; ``truth`` is whether the positions are
+    known.
     """
 
     calibration: Calibration
@@ -58,8 +59,21 @@ class CalibrationReport:
     reader: MeasurementReader
     method: str
     prior: float | None = None
-    truth: str = ""
-    remarks: list[str] = field(default_factory=list)
+    truth: bool = False
+
+    @classmethod
+    def of(
+        cls, estimate: OffsetEstimate, sums: OffsetSums, reader: MeasurementReader, prior_std: float | None
+    ) -> CalibrationReport:
+        """Return the report of the passes of ``sums``; ``prior_std`` is in the unit of the measurements."""
+        return cls(
+            calibration=_calibration_of(estimate, sums.kind, sums.by),
+            estimate=estimate,
+            reader=reader,
+            method=sums.run.label,
+            prior=None if prior_std is None else prior_std / OFFSETS[sums.kind].scale,
+            truth=sums.truth is not None,
+        )
 
     def toml(self) -> str:
         """Return the calibration as the text of its file."""
@@ -126,7 +140,6 @@ class CalibrationReport:
         return [
             *self.reader.report.remarks,
             *window_remarks(self.reader.report.windows, self.reader.options.window),
-            *self.remarks,
             *self._on_truth(),
             *self._on_combinations(),
             *self._on_places(),

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlosctl.arrays import FloatArray
-from nlosctl.errors import DataError
+from nlosctl.contract.tables import TRUTH_HEIGHT
+from nlosctl.errors import DataError, UsageError
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.results.layouts import TRUTH_NAMES, truth_positions
 from nlosctl.io.results.truth_table import TruthTable
@@ -30,11 +31,19 @@ class KnownPositions:
 
     @classmethod
     def of(cls, reader: MeasurementReader, table: TruthTable | None) -> KnownPositions:
-        """Return the positions for an input; raises DataError without ``table`` and without truth columns."""
-        lacking = [name for name in TRUTH_NAMES if name not in reader.column_names]
+        """Return the positions for an input; raises DataError without ``table`` and without truth columns.
+
+        UsageError for places on earth in three dimensions.
+        """
+        needed = [*TRUTH_NAMES, TRUTH_HEIGHT.name][: reader.dimension]
+        lacking = [name for name in needed if name not in reader.column_names]
         if table is None and lacking:
             raise DataError(f"`truth` columns: the input has no column {lacking[0]!r}; give a table of true positions")
         frame = reader.scene.frame
+        if frame is not None and frame.on_ellipsoid:
+            raise UsageError(
+                "`truth` is not for places on earth in three dimensions; give metres, or set `dimensions` to 2"
+            )
         return cls(table=table, frame="" if frame is None else frame.words)
 
     def positions(self, chunk: Chunk, dimension: int) -> FloatArray:

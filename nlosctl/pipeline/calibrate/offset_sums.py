@@ -14,12 +14,15 @@ from nlosctl.contract.random_streams import snapshot_seeds
 from nlosctl.contract.run_options import SolveOptions
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
+from nlosctl.errors import UsageError
 from nlosctl.geometry.blocks import max_measurements, sum_measurements
 from nlosctl.geometry.exact_sums import ExactSums
 from nlosctl.io.measurements.completion.calibrated_rows import calibrated_columns
+from nlosctl.io.measurements.completion.references import FORM, Form
 from nlosctl.io.measurements.completion.sensor_keys import group_texts, sensor_keys
 from nlosctl.io.measurements.reader import Chunk
-from nlosctl.models.scaled_residuals import SCALED_RESIDUALS
+from nlosctl.models.scaled_residuals import SCALED_RESIDUALS, height_residual
+from nlosctl.models.sight import has_geodesics
 from nlosctl.pipeline.calibrate.known_positions import KnownPositions
 from nlosctl.pipeline.solve.learned_options import pass_batches
 from nlosctl.pipeline.solve.method_runs import MethodRun
@@ -46,6 +49,16 @@ _FARTHEST = 30.0
 _CHOICE = 1
 """The seed of the choice of snapshots."""
 
+_NO_REFERENCE_ROW = "a calibration needs the row of each reference, whose difference is 0; add these rows"
+_SEVERAL_REFERENCES = (
+    "a difference to one of several references in a snapshot has the offsets of two sensors; a calibration needs one "
+    "reference in a snapshot"
+)
+_NOT_IN_SPACE = (
+    "a calibration is not for azimuths of geodesics or heights above a sphere; set `dimensions` to 2, or leave the "
+    "heights out"
+)
+
 _TRUSTED = (Status.OK, Status.AMBIGUOUS, Status.INFEASIBLE)
 
 
@@ -68,7 +81,8 @@ class OffsetSums:
     one_in: int = 1
 
     def __call__(self, chunk: Chunk) -> ExactSums:
-        """Return the sums of a chunk, by the keys above."""
+        """Return the sums of a chunk, by the keys above; raises UsageError for rows without an offset of their own."""
+        _refuse_differences(chunk)
         sums = ExactSums()
         codes, keys = sensor_keys(chunk, self.by)
         groups, group_names = group_texts(chunk, self.by)
@@ -97,18 +111,22 @@ class OffsetSums:
 
     def _equations(self, batch: Any, truth_m: FloatArray | None) -> tuple[OffsetEquations, FloatArray, FloatArray]:
         """Return the equations of a batch, and the positions (B, D) and array sizes (B,) of its snapshots."""
+        if self.kind == "bearings" and (has_geodesics(batch) or batch.target_above_ground is not None):
+            raise UsageError(_NOT_IN_SPACE)
         middle_m, size_m = _array_sizes(batch)
         position_m, weight = self._fixes(batch, truth_m)
         located = np.isfinite(position_m[:, 0])
         spec, options = self.run.spec, self.run.options
         scalars = SCALED_RESIDUALS[self.kind](batch, position_m, with_ranges=uses_ranges(spec, options))
-        if truth_m is None:
-            with ignoring_invalid():
-                away_m = np.sqrt(np.sum((position_m - middle_m) ** 2, axis=1))
-                located &= away_m <= _FARTHEST * size_m
-        else:
-            scalars = tuple(scalar.at_known_position(self.dimension) for scalar in scalars)
-        return offset_equations(scalars, weight, located, position_m.shape[1]), position_m, size_m
+        coordinates = 2 if batch.height_held else self.dimension
+        if truth_m is not None:
+            scalars = tuple(scalar.at_known_position(coordinates) for scalar in scalars)
+            return offset_equations(scalars, weight, located, 0), position_m, size_m
+        with ignoring_invalid():
+            away_m = np.sqrt(np.sum((position_m - middle_m) ** 2, axis=1))
+            located &= away_m <= _FARTHEST * size_m
+        height = height_residual(self.kind, batch, position_m)
+        return offset_equations(scalars, weight, located, coordinates, height), position_m, size_m
 
     def _fixes(self, batch: Any, truth_m: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         """Return the positions (B, D), NaN without one, and the probability (B, K) of each row to be direct."""
@@ -125,6 +143,15 @@ class OffsetSums:
             best = (estimates.alternative == 0) & np.isin(estimates.status, _TRUSTED)
             position_m[estimates.row[best]] = estimates.position_m[best]
         return position_m, np.ones(shape, order="F")
+
+
+def _refuse_differences(chunk: Chunk) -> None:
+    """Raise UsageError for differences of arrivals from which no sensor's offset can be taken off by its own row."""
+    forms = chunk.columns.get(FORM, np.empty(0))
+    if (forms == Form.OF_PAIRS).any():
+        raise UsageError(_SEVERAL_REFERENCES)
+    if (forms == Form.WITHOUT_REFERENCE).any():
+        raise UsageError(_NO_REFERENCE_ROW)
 
 
 def _array_sizes(batch: Any) -> tuple[FloatArray, FloatArray]:

@@ -30,6 +30,9 @@ _HEIGHT_STDS = 5.0
 _OFFSET_STDS = 8.0
 """No arrival is earlier than the source at its sensor by more than so many standard deviations."""
 
+_OFFSET_STEPS = 12
+"""Newton steps of at most a standard deviation to the likeliest offset at a known position."""
+
 _WITHIN_STDS = 6.0
 """A row agrees with a position by chance if it is in an interval of so many standard deviations, out of the window."""
 
@@ -75,6 +78,18 @@ class ArrivalOutlierModel(RowBlock):
         """Return the evidence (N,) of modes (B,) outside the search region in some snapshots, which is enlarged."""
         part, outside = self.take(rows), mode.take(rows)
         return replace(part, volume=volume_with(part.region.base, outside.point[:-1])).log_evidence(outside)
+
+    def likeliest_offset(self, *point: FloatArray) -> FloatArray:
+        """Return the likeliest offset (B,) at positions (B,): the best with one exact row, then Newton steps."""
+        excess = self.arrivals.arrival_m - self.arrivals.distance_m(*point)
+        mixture, limit = self.mixture, -max_measurements(-self.arrivals.std_m)
+        with ignoring_invalid():
+            cost = mixture.score(*(np.broadcast_to(part[:, None], excess.shape) for part in point), excess)
+            offset: FloatArray = excess[np.arange(excess.shape[0]), np.argmin(cost, axis=1)]
+            for _ in range(_OFFSET_STEPS):
+                at = mixture.evaluate(*point, offset)
+                offset = offset - np.clip(at.gradient[-1] / at.hessian.diagonal[-1], -limit, limit)
+        return offset
 
     def too_few(self) -> BoolArray:
         """Return which snapshots (B,) have sensors at a single point only, or fewer scalars than unknowns."""

@@ -131,7 +131,7 @@ def _capable() -> str:
     names: dict[str, list[str]] = {}
     for entry in registry.entries():
         spec = registry.load(entry)
-        if spec.scales_std or spec.direct_rows is not None:
+        if spec.scales_std or (spec.direct_rows is not None and spec.std_fault is None):
             names.setdefault(spec.kind, []).append(spec.name)
     return "; ".join(f"{kind}: {', '.join(sorted(known))}" for kind, known in sorted(names.items()))
 
