@@ -21,6 +21,10 @@ EXAMPLES = {
         "nlosctl calibrate bearings.csv -o calibration.toml",
         "nlosctl calibrate -m mixture-ml bearings.csv -o robust.toml",
     ),
+    "track": (
+        "nlosctl track timed.csv -p acceleration_psd=0.1 -o path.csv",
+        "nlosctl track timed.csv --estimate-acceleration --causal -o filter.csv",
+    ),
     "detect-ip": (
         "nlosctl detect-ip paths.csv -o paths_flags.csv",
         "nlosctl detect-ip paths.csv -m joint -o joint.csv --estimates-out targets.csv",

@@ -27,6 +27,7 @@ from nlosctl.cli.commands.reproduce import reproduce
 from nlosctl.cli.commands.schema import schema
 from nlosctl.cli.commands.simulate import simulate
 from nlosctl.cli.commands.solve import detect_ip, identify_los, localize
+from nlosctl.cli.commands.track import track
 from nlosctl.cli.commands.validate import validate
 from nlosctl.cli.examples import epilog_of
 from nlosctl.cli.options.settings import SettingsCommand
@@ -121,6 +122,7 @@ _COMMANDS = (
     ("localize", localize),
     ("bound", bound),
     ("calibrate", calibrate),
+    ("track", track),
     ("detect-ip", detect_ip),
     ("identify-los", identify_los),
     ("simulate", simulate),

@@ -26,7 +26,7 @@ _STD_UNITS = {
     "ns": ("nanoseconds", LIGHT_M_S * 1e-9),
 }
 
-_CONSTANT = "localize calibrate validate plot convert describe"
+_CONSTANT = "localize calibrate track validate plot convert describe"
 
 
 @dataclass(frozen=True, kw_only=True)

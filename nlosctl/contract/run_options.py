@@ -27,11 +27,11 @@ __all__ = ["PANELS", "Flag", "InputOptions", "OutputOptions", "SolveOptions", "f
 PANELS = ("Input", "Geometry", "Method", "Output", "Run", "Messages")
 """The panels of every command's help, in order."""
 
-_SOLVE = "localize detect-ip identify-los"
-_ESTIMATE, _CALIBRATED = f"{_SOLVE} calibrate", f"{_SOLVE} bound validate"
-_READ = f"{_ESTIMATE} bound validate"
+_SOLVE, _TABLES = "localize detect-ip identify-los", "localize detect-ip identify-los track"
+_ESTIMATE, _CALIBRATED = f"{_SOLVE} calibrate track", f"{_SOLVE} bound validate"
+_READ, _ENGINE = f"{_ESTIMATE} bound validate", f"{_SOLVE} calibrate bound"
 _MEASUREMENTS = f"{_READ} plot convert describe"
-_WRITE = f"{_SOLVE} bound evaluate simulate convert"
+_WRITE = f"{_TABLES} bound evaluate simulate convert"
 _ARRIVALS = "localize validate plot convert describe"
 _REPORT = f"{_ESTIMATE} bound evaluate"
 _NOISES, _ENGINES, _POOLS = ("gaussian", "laplace"), ("local", "dask"), ("snapshot", "sensor", "file")
@@ -70,7 +70,7 @@ class InputOptions:
         f"{_MEASUREMENTS} evaluate", metavar="FORMAT", complete="format")
     kind: str | None = option(
         None, "--kind", "Input", "Kind: bearings, ranges, arrivals or triplets; default: detected from the columns.",
-        "localize bound validate plot describe", metavar="KIND", complete="kind")
+        "localize bound track validate plot describe", metavar="KIND", complete="kind")
     dimensions: int | None = option(
         None, "--dimensions", "Input", "Dimensions, 2 or 3; default: 3 with elevations, stds and sensor heights.",
         f"{_READ} plot describe", minimum=2, maximum=3, metavar="N")
@@ -86,7 +86,7 @@ class InputOptions:
         f"{_READ} describe", minimum=1, metavar="N")
     max_spool_bytes: int = option(
         10_000_000_000, "--max-spool-bytes", "Input", "Largest standard input to copy to disk for several passes.",
-        "localize calibrate", minimum=1, metavar="N")
+        "localize calibrate track", minimum=1, metavar="N")
     wide: Sequence[str] = option(
         (), "--wide", "Input", "Columns of a wide table, such as azimuth_deg=az_*; * is the sensor. Repeatable.",
         _MEASUREMENTS, metavar="NAME=PATTERN")
@@ -199,7 +199,7 @@ class SolveOptions:
     field: Field = option(  # noqa: RUF009
         SensorsField(), "--field", "Geometry",
         "Search region: xmin,xmax,ymin,ymax[,zmin,zmax], circle:x,y,r, polygon:FILE or sensors:FACTOR.",
-        "localize identify-los calibrate", metavar="FIELD", parse=parse_field, text=str(SensorsField()))
+        "localize identify-los calibrate track", metavar="FIELD", parse=parse_field, text=str(SensorsField()))
     target_z_m: float | None = option(
         None, "--target-z-m", "Geometry", "Height of the targets in metres (in the plane: for slant ranges).",
         f"{_ESTIMATE} bound", metavar="M")
@@ -223,13 +223,13 @@ class SolveOptions:
         8192, "--block-size", "Run", "Snapshots solved at a time; results do not depend on it.", _ESTIMATE, minimum=1,
         metavar="N")
     engine: str = option(
-        "local", "--engine", "Run", "Execution engine: local or dask.", f"{_ESTIMATE} bound", metavar="NAME")
+        "local", "--engine", "Run", "Execution engine: local or dask.", _ENGINE, metavar="NAME")
     scheduler: str | None = option(
         None, "--scheduler", "Run", "Dask scheduler, such as tcp://host:8786; default: threads.",
-        f"{_ESTIMATE} bound", metavar="ADDRESS")
+        _ENGINE, metavar="ADDRESS")
     worker_timeout: float = option(
         60.0, "--worker-timeout", "Run", "Seconds without a Dask scheduler or worker before giving up.",
-        f"{_ESTIMATE} bound", metavar="SECONDS")
+        _ENGINE, metavar="SECONDS")
 
     def __post_init__(self) -> None:
         for name, least in (("seed", 0), ("jobs", 0), ("block_size", 1), ("alternatives", 1)):
@@ -265,7 +265,7 @@ class OutputOptions:
         None, "--estimates-out", "Output", "Also write the estimates: a row per target or path.",
         "detect-ip identify-los", metavar="FILE")
     flags_out: str | None = option(
-        None, "--flags-out", "Output", "Also write the flags: a row per measurement.", "localize", metavar="FILE")
+        None, "--flags-out", "Output", "Also write the flags: a row per measurement.", "localize track", metavar="FILE")
     trace_out: str | None = option(
         None, "--trace-out", "Output", "Also write the state after each sensor (sequential methods).", "localize",
         metavar="FILE")
@@ -284,8 +284,8 @@ class OutputOptions:
         (), "--add", "Output", "Further columns of the estimates, see 'nlosctl schema estimates'.", _SOLVE,
         metavar="NAMES", parse=parse_names, text="")
     carry: Sequence[str] = option(
-        (), "--carry", "Output", "Copy an input column to the estimates. Repeatable.", _SOLVE, metavar="COLUMN")
-    hash: bool = option(False, "--hash", "Output", "Record SHA-256 hashes of the inputs in the provenance.", _SOLVE)
+        (), "--carry", "Output", "Copy an input column to the estimates. Repeatable.", _TABLES, metavar="COLUMN")
+    hash: bool = option(False, "--hash", "Output", "Record SHA-256 hashes of the inputs in the provenance.", _TABLES)
     overwrite: bool = option(
         False, "--overwrite", "Output", "Replace existing output files.",
         f"{_READ} evaluate simulate convert plot reproduce")

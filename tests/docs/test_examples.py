@@ -28,6 +28,8 @@ def _make_inputs(folder: Path) -> None:
     at = [rows[0].index(name) for name in ("snapshot", "sensor", "sensor_x_m", "sensor_y_m", "bearing_rad")]
     angles = [",".join(row[index] for index in at) for row in rows]
     (folder / "angles.csv").write_text("\n".join([angles[0].replace("bearing_rad", "Angle"), *angles[1:], ""]))
+    timed = [f"{second},{second / 2},{second % 3},1,0,1" for second in range(20)]
+    (folder / "timed.csv").write_text("\n".join(["time_s,x_m,y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2", *timed, ""]))
     shutil.move(folder / "bearings.csv", folder / "ring.csv")
     swept = run_here("simulate", "ring", "-n", "20", "--sweep", "sensors=4,8", "-q", folder=folder)
     for words in (

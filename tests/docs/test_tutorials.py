@@ -29,6 +29,7 @@ EXAMPLES = [
     "plotting",
     "settings",
     "three-dimensions",
+    "tracks",
     "unknown-std",
     "windows",
 ]

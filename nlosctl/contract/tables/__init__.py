@@ -11,6 +11,7 @@ from nlosctl.contract.tables.bearings_ranges import BEARINGS, RANGES
 from nlosctl.contract.tables.bound import BOUND
 from nlosctl.contract.tables.calibration import CALIBRATION
 from nlosctl.contract.tables.columns import SWEEP_PREFIX, Column, ColumnType, Spelling, Table, is_swept
+from nlosctl.contract.tables.motion import FIXES, PART, VELOCITY
 from nlosctl.contract.tables.results import ESTIMATES, FLAGS, TRUTH
 from nlosctl.contract.tables.scores import SCORES
 from nlosctl.contract.tables.shared import DEGREE, EARTH_PLACES
@@ -27,8 +28,10 @@ __all__ = [
     "EARTH_PLACES",
     "ELLIPSE",
     "ESTIMATES",
+    "FIXES",
     "FLAGS",
     "KINDS",
+    "PART",
     "RANGES",
     "SCORES",
     "SWEEP_PREFIX",
@@ -37,6 +40,7 @@ __all__ = [
     "TRIPLETS",
     "TRUTH",
     "TRUTH_HEIGHT",
+    "VELOCITY",
     "Column",
     "ColumnType",
     "Spelling",

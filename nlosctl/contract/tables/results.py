@@ -5,6 +5,7 @@ from __future__ import annotations
 from nlosctl.contract.tables.added import ADDED_COLUMNS, ELLIPSE
 from nlosctl.contract.tables.arrivals import OFFSET
 from nlosctl.contract.tables.columns import Column, Table
+from nlosctl.contract.tables.motion import PART, VELOCITY
 from nlosctl.contract.tables.shared import TRUTH_POSITION
 from nlosctl.contract.tables.space import TRUTH_HEIGHT
 
@@ -34,6 +35,7 @@ ESTIMATES = Table(
             )
             for axes in ("xx", "xy", "yy", "xz", "yz", "zz")
         ),
+        *VELOCITY,
         Column(name="n_measurements", type="integer", required=True, meaning="rows of the snapshot"),
         Column(name="n_used", type="integer", required=True, meaning="rows that the estimate uses"),
         Column(
@@ -58,12 +60,20 @@ ESTIMATES = Table(
             "at least this large (robust methods: of the inliers); null without spare scalars or a covariance",
         ),
         Column(name="status", type="text", required=True, meaning="outcome, one of the status words"),
-        Column(name="time_s", type="number", unit="s", nullable=True, meaning="mean time of the rows kept in a window"),
+        Column(
+            name="time_s",
+            type="number",
+            unit="s",
+            nullable=True,
+            meaning="mean time of the rows kept in a window, or of the rows of a state of a track",
+        ),
+        PART,
         Column(
             name="covariance_kind",
             type="text",
             nullable=True,
-            meaning="what the covariance allows for (robust methods): inliers, or posterior: rows used wrongly too",
+            meaning="what the covariance allows for (robust methods): inliers, or posterior: rows used wrongly too; "
+            "of a track: smoothed (given all of its rows) or filtered (given those until then)",
         ),
         Column(
             name="existence_probability",

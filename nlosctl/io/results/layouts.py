@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.statuses import Status
-from nlosctl.contract.tables import ESTIMATES, SWEEP_PREFIX, TRUTH_HEIGHT, is_swept
+from nlosctl.contract.tables import ESTIMATES, PART, SWEEP_PREFIX, TRUTH_HEIGHT, is_swept
 from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.io.arrow_columns import ARROW_TYPES, SweepColumns
 from nlosctl.io.measurements.reader import Chunk
@@ -44,6 +44,7 @@ TRUTH_NAMES = ("truth_x_m", "truth_y_m")
 POSITION = ("x_m", "y_m", "z_m")
 COVARIANCE = ("cov_xx_m2", "cov_xy_m2", "cov_yy_m2", "cov_xz_m2", "cov_yz_m2", "cov_zz_m2")
 _TRUTH = tuple(column.name for column in ESTIMATES.columns if column.carried)
+_SOMETIMES = {"time_s", PART.name}
 _OWN = {column.name for column in ESTIMATES.columns if not column.carried} | {"source"}
 _STATUS_WORDS = pa.array([status.word for status in Status])
 
@@ -116,7 +117,7 @@ def carried_columns(input_names: Sequence[str], wanted: Sequence[str], by: Seque
     does not exist, UsageError if estimates have a column of that name.
     """
     for option, name in [*(("carry", name) for name in wanted), *(("by", name) for name in by)]:
-        if name in _OWN - {"snapshot", "time_s"}:
+        if name in _OWN - {"snapshot", *_SOMETIMES}:
             raise UsageError(f"`{option}` {name}: estimates have a column {name!r} of their own")
         if name not in input_names:
             raise DataError(f"`{option}` {name}: the input has no such column{did_you_mean(name, input_names)}")
@@ -126,7 +127,7 @@ def carried_columns(input_names: Sequence[str], wanted: Sequence[str], by: Seque
         name
         for name in input_names
         if (name in chosen or (name.startswith(SWEEP_PREFIX) and is_swept(name)))
-        and (name not in _OWN or name == "time_s")
+        and (name not in _OWN or name in _SOMETIMES)
     )
 
 

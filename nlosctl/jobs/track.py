@@ -1,0 +1,104 @@
+"""Job: the paths of moving sources, from estimates or measurements at times."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+from nlosctl.contract.run_options import InputOptions, OutputOptions, SolveOptions
+from nlosctl.contract.tables import measured_names
+from nlosctl.errors import DataError, UsageError
+from nlosctl.io.paths.inputs import Input
+from nlosctl.io.results.fixes import are_fixes, column_names
+from nlosctl.io.writers.output_set import OutputSet, check_targets, is_folder_target
+from nlosctl.jobs.files import Destination, naming_importer, open_inputs, open_output, write_report
+from nlosctl.jobs.solve import readable_again
+from nlosctl.pipeline.engine.workers import usable_jobs
+from nlosctl.pipeline.engine.writing import write_tables
+from nlosctl.pipeline.track.fix_run import FixRun
+from nlosctl.pipeline.track.track_options import TrackOptions, track_options
+
+__all__ = ["Motion", "track"]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Motion:
+    """How sources move, and which rows a state is given.
+
+    ``gap`` is the longest time between rows of one track, as text with its unit; ``causal``: states given the rows
+    until then; ``estimate_acceleration``: the density of the acceleration is estimated, not a parameter.
+    """
+
+    gap: str | None = None
+    causal: bool = False
+    estimate_acceleration: bool = False
+
+
+def track(
+    inputs: Sequence[str] | Sequence[Input],
+    read: InputOptions,
+    options: SolveOptions,
+    write: OutputOptions,
+    destination: Destination,
+    motion: Motion | None = None,
+) -> Any:
+    """Find the paths of moving sources and write their states; return the run with its report.
+
+    Raises DataError for faults of the data, UsageError for options that do not suit the data or contradict each other.
+    """
+    moves = motion or Motion()
+    own, parameters = track_options(
+        options.parameters, gap=moves.gap, causal=moves.causal, estimate_acceleration=moves.estimate_acceleration
+    )
+    options = dataclasses.replace(options, parameters=parameters, jobs=options.jobs or usable_jobs(0))
+    for target in filter(is_folder_target, destination.wanted.values()):
+        raise UsageError(f"{target}: a track is written to a file; leave out the / at its end")
+    with naming_importer(inputs):
+        given = open_inputs(inputs, read.input_format)
+    with readable_again(given, read, options) as sources:
+        of_fixes = [are_fixes(column_names(source), measured_names()) for source in sources]
+        sources = [dataclasses.replace(one, parts=(one.parts[0].again(), *one.parts[1:])) for one in sources]
+        if any(of_fixes) and not all(of_fixes):
+            raise DataError("the inputs are estimates and measurements; track them one by one")
+        if all(of_fixes):
+            return _track_fixes(sources, read, own, options, write, destination)
+        raise DataError(f"{sources[0].name}: no estimates")
+
+
+def _track_fixes(
+    sources: Sequence[Input],
+    read: InputOptions,
+    own: TrackOptions,
+    options: SolveOptions,
+    write: OutputOptions,
+    destination: Destination,
+) -> FixRun:
+    """Write the states of tracks through fixes."""
+    if options.parameters:
+        raise UsageError(f"`parameters` {next(iter(options.parameters))}: a track through estimates has no method")
+    if read.window is not None:
+        raise UsageError("`window` makes snapshots of measurements, and the input is estimates; leave it out")
+    run = FixRun(sources, read, own, write.carry)
+    protected = [part.path for source in sources for part in source.parts if part.path is not None]
+    check_targets(
+        [None if write.report == "-" else write.report],
+        tables=[*destination.targets.values()],
+        overwrite=write.overwrite,
+        inputs=protected,
+    )
+    with OutputSet() as outputs:
+        metadata = run.metadata("track", with_hash=write.hash)
+
+        def sink(name: str, target: str) -> Any:
+            if name in destination.sinks:
+                return destination.sinks[name](run.schemas[name])
+            return outputs.take(open_output(target, run.schemas[name], write, protected, metadata))
+
+        if "flags" in destination.wanted:
+            raise UsageError("`flags_out`: flags are of measurements, and the input is estimates")
+        sinks = {name: sink(name, target) for name, target in destination.wanted.items()}
+        with destination.console.progress("track") as progress:
+            write_tables(run.tables(), sinks, lambda: metadata, lambda rows: progress(rows, None))
+        write_report(write, run.report.as_dict(), outputs, destination.console)
+    return run

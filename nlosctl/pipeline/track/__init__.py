@@ -1,0 +1,1 @@
+"""Tracks: paths through the fixes or the measurements of moving sources."""

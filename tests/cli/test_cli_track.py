@@ -1,0 +1,113 @@
+"""``nlosctl track`` from estimates: columns, order, statuses, messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow.csv as pc
+import pyarrow.parquet as pq
+import pytest
+from cli_support import Outcome
+
+Cli = Callable[..., Outcome]
+
+HEAD = "snapshot,tag,time_s,x_m,y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2"
+
+
+def write_fixes(folder: Path, head: str = HEAD, rows: int = 40) -> None:
+    """Two interleaved tags, not in order of time, one of them with a gap and a row without a position."""
+    rng = np.random.default_rng(1)
+    lines = []
+    for k in rng.permutation(rows):
+        tag, second = "ab"[k % 2], float(k // 2) + (100.0 if k > rows // 2 and k % 2 else 0.0)
+        place = ",,,," if k == 6 else f"{second + rng.normal():.3f},{rng.normal():.3f},1,0.1,1"
+        lines.append(f"s{k},{tag},{second},{place}")
+    (folder / "fixes.csv").write_text("\n".join([head, *lines, ""]))
+
+
+def test_a_row_for_each_snapshot_in_the_order_of_the_file(cli: Cli, tmp_path: Path) -> None:
+    """Ids, ``--by`` columns and times are kept, velocities and the part stand beside them."""
+    write_fixes(tmp_path)
+    outcome = cli("track", "fixes.csv", "--by", "tag", "--gap", "60s", "-p", "acceleration_psd=0.1", "-o", "t.parquet")
+    assert outcome.code == 0
+    assert "2 tracks, 3 parts by gaps; acceleration_psd 0.1 m2/s3, as given" in outcome.err
+    assert "1 snapshot without a position and a positive definite covariance" in outcome.err
+    given, found = pc.read_csv(tmp_path / "fixes.csv"), pq.read_table(tmp_path / "t.parquet")
+    for name in ("snapshot", "tag", "time_s"):
+        assert found.column(name).to_pylist() == given.column(name).to_pylist()
+    assert set(found.column("status").to_pylist()) == {"ok"}
+    assert set(found.column("covariance_kind").to_pylist()) == {"smoothed"}
+    assert {"vx_m_s", "cov_vxvy_m2_s2", "cov_vyvy_m2_s2"} <= set(found.column_names)
+    assert set(found.column("part").to_pylist()) == {0, 1}
+    assert found.column("n_used").to_pylist().count(0) == 1
+
+
+def test_times_as_text_and_standard_input_give_the_same_path(cli: Cli, tmp_path: Path) -> None:
+    """ISO times are times; a stream is read as a file is."""
+    write_fixes(tmp_path)
+    words = ("--by", "tag", "-p", "acceleration_psd=0.1", "-q")
+    expected = cli("track", "fixes.csv", *words)
+    text = (tmp_path / "fixes.csv").read_text()
+    assert cli("track", "-", *words, stdin=text.encode()).out == expected.out
+    lines = [line.split(",") for line in text.replace("time_s", "time").splitlines()]
+    for cells in lines[1:]:
+        second = int(float(cells[2]))
+        cells[2] = f"2026-01-01T00:{second // 60:02d}:{second % 60:02d}Z"
+    (tmp_path / "iso.csv").write_text("\n".join(",".join(cells) for cells in lines) + "\n")
+    iso = cli("track", "iso.csv", *words)
+    names = expected.text.splitlines()[0].split(",")
+    at = names.index("time_s")
+    without_time = [[c for i, c in enumerate(r.split(",")) if i != at] for r in expected.text.splitlines()]
+    assert [[c for i, c in enumerate(r.split(",")) if i != at] for r in iso.text.splitlines()] == without_time
+    assert float(iso.text.splitlines()[1].split(",")[at]) > 1.7e9
+
+
+def test_the_first_filtered_state_has_no_velocity(cli: Cli, tmp_path: Path) -> None:
+    """``--causal`` gives null, not 0, where nothing is known of the velocity."""
+    (tmp_path / "f.csv").write_text("time_s,x_m,y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2\n0,1,2,1,0,1\n1,2,2,1,0,1\n")
+    assert cli("track", "f.csv", "-p", "acceleration_psd=1", "--causal", "-o", "t.parquet").code == 0
+    rows = pq.read_table(tmp_path / "t.parquet").to_pylist()
+    assert [row["vx_m_s"] is None for row in rows] == [True, False]
+    assert (rows[0]["x_m"], rows[0]["cov_xx_m2"], rows[0]["status"]) == (1.0, 1.0, "ok")
+    assert rows[1]["covariance_kind"] == "filtered"
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        ([], 2, "--param acceleration_psd or --estimate-acceleration is needed"),
+        (["-p", "acceleration_psd=0"], 2, "motion=velocity. Got 0 instead."),
+        (["-p", "acceleration_psd=-1"], 2, "larger than 0 (m2/s3)"),
+        (["-p", "acceleration_psd=1", "--estimate-acceleration"], 2, "both set it; give one"),
+        (["-p", "acceleration_psd=1", "-p", "alpha=0.1"], 2, "a track through estimates has no method"),
+        (["-p", "acceleration_psd=1", "--gap", "60"], 2, "--gap must be a width larger than 0 with its unit"),
+        (["-p", "acceleration_psd=1", "--gap", "auto"], 2, "--gap must be a time with its unit"),
+        (["-p", "acceleration_psd=1", "--window", "2s"], 2, "the input is estimates"),
+        (["-p", "acceleration_psd=1", "--by", "tga"], 1, "no column 'tga' (did you mean 'tag'?)"),
+        (["-p", "acceleration_psd=1", "--max-sort-rows", "5"], 1, "more than 5 rows, which a track needs in memory"),
+        (["-p", "acceleration_psd=1", "-o", "out/"], 2, "a track is written to a file"),
+        (["-p", "acceleration_psd=1", "--flags-out", "f.csv"], 2, "flags are of measurements"),
+    ],
+)
+def test_messages(cli: Cli, tmp_path: Path, words: list[str], code: int, message: str) -> None:
+    """Each fault is one clear line with the right exit code."""
+    write_fixes(tmp_path)
+    outcome = cli("track", "fixes.csv", *words)
+    assert outcome.code == code
+    assert message in outcome.err
+    assert len(outcome.err.strip().splitlines()) == 1
+
+
+def test_faults_of_the_table(cli: Cli, tmp_path: Path) -> None:
+    """No times, a time that can't be read, several methods in a track: one line with the cure."""
+    write_fixes(tmp_path, HEAD.replace("time_s", "second"))
+    assert "no column 'time_s' or 'time'" in cli("track", "fixes.csv", "-p", "acceleration_psd=1").err
+    head = "method,time_s,x_m,y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2"
+    (tmp_path / "m.csv").write_text(f"{head}\nml,0,1,2,1,0,1\nls,1,2,2,1,0,1\n")
+    err = cli("track", "m.csv", "-p", "acceleration_psd=1").err
+    assert "a track of several methods (ml, ls); add method to --by" in err
+    assert cli("track", "m.csv", "-p", "acceleration_psd=1", "--by", "method", "-o", "m.parquet").code == 0
+    (tmp_path / "n.csv").write_text(f"{head}\nml,,1,2,1,0,1\nml,1,2,2,1,0,1\n")
+    assert "n.csv, row 1, column 'time_s'" in cli("track", "n.csv", "-p", "acceleration_psd=1").err
