@@ -233,7 +233,9 @@ def plot(
     size_in: tuple[float, float] | None = None,
     **rows: Any,
 ) -> Plot:
-    """Plot measurements, flags, estimates or bounds (tables or paths); their contents select the view.
+    """Plot measurements, flags, estimates or bounds (tables or paths), or the path of a calibration.
+
+    Their contents select the view.
 
     The arguments are those of ``nlosctl plot``; ``rows`` are ``wide``, ``missing``, ``where``, ``declination_deg``,
     ``dimensions``, ``speed_m_s`` and standard deviations of `localize`. Raises MissingExtraError without matplotlib,
@@ -241,6 +243,7 @@ def plot(
     """
     from contextlib import ExitStack
 
+    from nlosctl.io.results.calibration_input import open_calibration
     from nlosctl.io.results.plot_inputs import open_plot_input
     from nlosctl.plotting.plot_request import PlotRequest
     from nlosctl.plotting.views.pictures import choose_view, draw_picture
@@ -248,8 +251,8 @@ def plot(
     read = input_options(columns, None, scene, rows, kind=kind)
     _refuse_more(rows, "plot")
     with ExitStack() as stack:
-        files = []
-        for given in (given for table in tables for given in inputs_of(table)):
+        files = [open_calibration(str(table)) for table in tables if _is_calibration(table)]
+        for given in (given for table in tables if not _is_calibration(table) for given in inputs_of(table)):
             files.append(open_plot_input(given, read))
             stack.callback(files[-1].close)
         if not files:
@@ -270,6 +273,12 @@ def plot(
         )
         picture = draw_picture(request, name)
     return Plot(figure=picture.figure, view=name, notes=tuple(picture.notes))
+
+
+def _is_calibration(table: Any) -> bool:
+    from nlosctl.io.results.calibration_input import is_calibration
+
+    return isinstance(table, str | PathLike) and is_calibration(fspath(table))
 
 
 def _one(table: Any) -> Any:

@@ -72,5 +72,10 @@ VIEWS: dict[str, View] = {
             takes="triplets or their flags, with or without estimates",
             uses=("snapshot", "path"),
         ),
+        View(
+            name="calibration",
+            shows="offset of each sensor with its std; residuals by sensor and by direction",
+            takes="a calibration (TOML), optionally with flags before and after it, or with measurements",
+        ),
     )
 }

@@ -23,6 +23,8 @@ def suitable_views(files: Sequence[PlotInput], *, one_snapshot: bool = False) ->
 def _views(files: Sequence[PlotInput], contents: set[str]) -> list[str]:
     names = [set(file.names) for file in files]
     swept = any(name.startswith("sweep_") for columns in names for name in columns)
+    if "calibration" in contents:
+        return _views_of_calibrations(files)
     if contents <= {"scores", "bound"} and "scores" in contents:
         return ["sweep"]
     if contents == {"bound"}:
@@ -42,6 +44,14 @@ def _views(files: Sequence[PlotInput], contents: set[str]) -> list[str]:
     if contents <= {"measurements", "flags", "estimates"} and len(contents) <= 2:
         return _views_of_measurements(files)
     return []
+
+
+def _views_of_calibrations(files: Sequence[PlotInput]) -> list[str]:
+    """Return the view of one calibration, beside it flags, or one file of measurements, with estimates or without."""
+    number = {word: sum(file.content == word for file in files) for word in ("calibration", "measurements", "flags")}
+    others = {file.content for file in files} - {"calibration", "measurements", "flags", "estimates"}
+    mixed = number["measurements"] + min(number["flags"], 1) > 1
+    return [] if others or mixed or number["calibration"] > 1 else ["calibration"]
 
 
 def _belongs_to_a_map(file: PlotInput) -> bool:

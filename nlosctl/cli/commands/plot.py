@@ -32,7 +32,7 @@ def plot(
         list[str] | None,
         typer.Argument(
             metavar="FILE",
-            help="Measurements, estimates, flags, bounds or scores in any format, or - for standard input.",
+            help="Measurements, estimates, flags, bounds, scores or a calibration; - is standard input.",
             show_default=False,
         ),
     ] = None,
@@ -178,12 +178,14 @@ def _opened(inputs: Sequence[str], read: InputOptions) -> Iterator[list[PlotInpu
     if not inputs:
         yield []
         return
+    from nlosctl.io.results.calibration_input import is_calibration, open_calibration
     from nlosctl.io.results.plot_inputs import open_plot_input
     from nlosctl.jobs.files import open_inputs
 
-    given = open_inputs(inputs, read.input_format)
+    files = [open_calibration(name) for name in inputs if is_calibration(name)]
+    tables = [name for name in inputs if not is_calibration(name)]
+    given = open_inputs(tables, read.input_format) if tables else []
     with ExitStack() as stack:
-        files = []
         for source in given:
             files.append(open_plot_input(source, read))
             stack.callback(files[-1].close)

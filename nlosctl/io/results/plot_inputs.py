@@ -18,6 +18,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from nlosctl.arrays import BoolArray, IntArray
+from nlosctl.contract.calibration import Calibration
 from nlosctl.contract.random_streams import GOLDEN_RATIO
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
@@ -49,7 +50,10 @@ _TABLES = {table.name: table for table in (SCORES, BOUND, ESTIMATES, FLAGS)}
 
 @dataclass(frozen=True, kw_only=True)
 class PlotInput:
-    """An input: its ``content`` (scores, bound, estimates, flags, measurements), kind of measurement and columns."""
+    """An input: its ``content`` (scores, bound, estimates, flags, measurements), kind of measurement and columns.
+
+    That of a ``calibration`` has no columns, and the name of the ``method`` that made it.
+    """
 
     content: str
     kind: str
@@ -57,6 +61,8 @@ class PlotInput:
     scene: Scene
     source: Input
     spool: IO[bytes] | None = None
+    calibration: Calibration | None = None
+    method: str = ""
 
     @property
     def name(self) -> str:

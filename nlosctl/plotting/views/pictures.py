@@ -12,6 +12,7 @@ from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.suitable_views import suitable_views
 from nlosctl.plotting.texts import plain
 from nlosctl.plotting.views.bound import draw_bound_map
+from nlosctl.plotting.views.calibration import draw_calibration_view
 from nlosctl.plotting.views.detection import draw_detection_view
 from nlosctl.plotting.views.echoes import draw_echo_view
 from nlosctl.plotting.views.errors import draw_error_cdf, draw_sweep
@@ -33,6 +34,7 @@ _DRAW: dict[str, Callable[[PlotRequest], Picture]] = {
     "map": draw_bound_map,
     "echoes": draw_echo_view,
     "triplets": draw_triplet_view,
+    "calibration": draw_calibration_view,
 }
 
 
