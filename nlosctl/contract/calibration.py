@@ -6,13 +6,17 @@ Imports no numpy: the options of a run name this class.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi
+from math import pi, sqrt
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from nlosctl.arrays import FloatArray
 
 __all__ = ["OFFSETS", "Calibration", "OffsetKind", "SensorOffset"]
+
+
+_LEAST_DOF = 3.0
+"""With fewer degrees of freedom a factor of standard deviations counts as if it had these."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +49,8 @@ class SensorOffset:
     """The offset of a sensor, and the factor ``std_scale`` of its stated standard deviations.
 
     ``group`` are the values of the calibration's columns, in their order, for which the entry holds. ``std`` is None
-    where the offset is not determined; both are in the unit of files, see `OffsetKind`.
+    where the offset is not determined; both are in the unit of files, see `OffsetKind`. ``std_dof`` are the degrees of
+    freedom that the factor was estimated with, None if it is exact.
     """
 
     name: str
@@ -53,6 +58,18 @@ class SensorOffset:
     offset: float = 0.0
     std: float | None = None
     std_scale: float = 1.0
+    std_dof: float | None = None
+
+    @property
+    def std_factor(self) -> float:
+        """The factor of standard deviations that accounts for the error of ``std_scale``: that of Student's t.
+
+        With d degrees of freedom the variance of t is d / (d - 2), the mean of 1 / f^2 over estimates f^2 of 1.
+        """
+        if self.std_dof is None:
+            return self.std_scale
+        dof = max(self.std_dof, _LEAST_DOF)
+        return self.std_scale * sqrt(dof / (dof - 2.0))
 
     @property
     def key(self) -> tuple[str, ...]:

@@ -84,7 +84,7 @@ def test_the_file_and_the_table(folder: Path, cli: Cli) -> None:
     tree = tomllib.loads(Path("c.toml").read_text())
     rows = pyarrow.parquet.read_table("c.parquet").to_pylist()
     assert rows == tree["sensor"]
-    assert list(rows[0]) == ["name", "session", "range_offset_m", "range_offset_std_m", "std_scale"]
+    assert list(rows[0]) == ["name", "session", "range_offset_m", "range_offset_std_m", "std_scale", "std_dof"]
     assert tree["covariance"]["order"] == [[row["name"], row["session"]] for row in rows]
     variances = [row[index] for index, row in enumerate(tree["covariance"]["matrix"])]
     assert variances == pytest.approx([row["range_offset_std_m"] ** 2 for row in rows])
@@ -103,7 +103,7 @@ def test_headings_are_in_degrees(cli: Cli) -> None:
     pyarrow.csv.write_csv(pa.table(table), "b.csv")
     assert cli("calibrate", "b.csv", "-q", "-o", "c.toml").code == 0
     tree = tomllib.loads(Path("c.toml").read_text())
-    assert list(tree["sensor"][0]) == ["name", "heading_offset_deg", "heading_std_deg", "std_scale"]
+    assert list(tree["sensor"][0]) == ["name", "heading_offset_deg", "heading_std_deg", "std_scale", "std_dof"]
     for entry, offset in zip(tree["sensor"], given, strict=True):
         assert abs(entry["heading_offset_deg"] - 57.29578 * offset) < 4.0 * entry["heading_std_deg"] < 1.5
     assert tree["covariance"]["matrix"][0][0] == pytest.approx(tree["sensor"][0]["heading_std_deg"] ** 2)

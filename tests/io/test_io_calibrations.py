@@ -32,7 +32,7 @@ def test_a_calibration_reads_back_to_the_same_numbers() -> None:
     rng = np.random.default_rng(1)
     root = rng.normal(size=(3, 3))
     entries = (
-        SensorOffset(name='a "quoted" ä', group=("1", "x y"), offset=1 / 3, std=0.1, std_scale=1 / 7),
+        SensorOffset(name='a "quoted" ä', group=("1", "x y"), offset=1 / 3, std=0.1, std_scale=1 / 7, std_dof=11.7),
         SensorOffset(name="b", group=("1", ""), offset=-2e-9, std=0.2, std_scale=2.0),
         SensorOffset(name="c", group=("2", "x y"), offset=0.0, std=None, std_scale=1.0),
         SensorOffset(name="b", group=("2", "x y"), offset=5.0, std=0.3, std_scale=1.0),
@@ -62,6 +62,19 @@ def test_what_may_be_left_out() -> None:
     np.testing.assert_allclose(calibration.correlated(), [[np.radians(0.5) ** 2, 0.0], [0.0, 0.0]])
 
 
+def test_a_factor_that_was_estimated_grows_by_its_own_error() -> None:
+    """With d degrees of freedom it is sqrt(d / (d - 2)) times as large: then the mean of variance ratios is 1."""
+    rng = np.random.default_rng(2)
+    for dof in (6.0, 12.0, 100.0):
+        estimated = np.sqrt(rng.chisquare(dof, 200_000) / dof)
+        used = [SensorOffset(name="a", std_scale=value, std_dof=dof).std_factor for value in estimated[:2].tolist()]
+        factor = used[0] / estimated[0]
+        assert used[1] == pytest.approx(factor * estimated[1])
+        assert np.mean((factor * estimated) ** -2.0) == pytest.approx(1.0, abs=0.02)
+    assert SensorOffset(name="a", std_scale=1.5).std_factor == 1.5
+    assert SensorOffset(name="a", std_scale=1.0, std_dof=1.0).std_factor == pytest.approx(3.0**0.5)
+
+
 FAULTS = [
     ('name = "A2"', 'name = "A1"', "sensor[1]: 'A1' is sensor[0] already"),
     ("range_offset_m = 0.2", "range_offset_m = nan", "sensor[0].range_offset_m: got nan, expected a finite number"),
@@ -84,6 +97,7 @@ FAULTS = [
     ),
     ("std_scale = 1.5", "std_scale = 0", "sensor[0].std_scale: got 0, expected a number larger than 0"),
     ("std_scale = 1.5", "std_scale = inf", "sensor[0].std_scale: got inf, expected a finite number of at least 0"),
+    ("std_scale = 1.5", "std_dof = -1", "sensor[0].std_dof: got -1, expected a finite number of at least 0"),
     ("std_scale = 1.5", 'session = "a"', "sensor[1].session: missing, unlike in sensor[0]"),
     ('name = "A1"\n', "", "sensor[0].name: missing, expected text"),
     ('"A2"]', '"A3"]', "covariance.order[1]: 'A3' has no entry [[sensor]]"),

@@ -50,6 +50,8 @@ def test_known_positions_give_the_mean_residual(kind: str) -> None:
     squares = ((residual.reshape(30, -1) - mean) ** 2).sum(axis=0) / STDS[kind] ** 2
     every = squares.sum() / (29.0 * len(mean))
     np.testing.assert_allclose(scale, np.sqrt((squares + 5.0 * every) / 34.0), rtol=0.01)
+    calibration = nlosctl.calibrate(table, truth="columns").calibration
+    assert [entry.std_dof for entry in calibration.entries] == pytest.approx([34.0] * len(mean))
     truth = {column: table[column] for column in ("snapshot", "truth_x_m", "truth_y_m")}
     by_file = nlosctl.calibrate(table, truth=rows(truth, truth["snapshot"] < 25))
     part, _, _ = offsets(by_file)

@@ -25,5 +25,6 @@ CALIBRATION = Table(
             )
         ),
         Column(name="std_scale", type="number", required=True, meaning="factor of its stated standard deviations"),
+        Column(name="std_dof", type="number", nullable=True, meaning="degrees of freedom of that; null: it is exact"),
     ),
 )

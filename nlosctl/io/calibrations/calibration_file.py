@@ -52,8 +52,7 @@ def calibration_from_toml(text: str, name: str) -> Calibration:
     if not isinstance(tables, list) or not tables or not all(isinstance(entry, dict) for entry in tables):
         raise DataError(f"{name}: sensor: expected tables headed [[sensor]], each with a name and an offset")
     kind = _kind_of(tables[0], f"{name}: sensor[0]")
-    own = {"name", "std_scale", OFFSETS[kind].name, OFFSETS[kind].std_name}
-    by = tuple(key for key in tables[0] if key not in own)
+    by = tuple(key for key in tables[0] if key not in _own_keys(kind))
     entries = tuple(_entry(entry, kind, by, f"{name}: sensor[{index}]") for index, entry in enumerate(tables))
     first: dict[tuple[str, ...], int] = {}
     for index, entry in enumerate(entries):
@@ -88,7 +87,7 @@ def _entry(entry: Mapping[str, Any], kind: str, by: tuple[str, ...], where: str)
     own = _kind_of(entry, where)
     if own != kind:
         raise DataError(f"{where}: has {OFFSETS[own].name}, and sensor[0] {quantity.name}; give one kind of offset")
-    given = tuple(key for key in entry if key not in ("name", "std_scale", quantity.name, quantity.std_name))
+    given = tuple(key for key in entry if key not in _own_keys(kind))
     if sorted(given) != sorted(by):
         key = min({*given} ^ {*by})
         fault = "given" if key in given else "missing"
@@ -98,8 +97,14 @@ def _entry(entry: Mapping[str, Any], kind: str, by: tuple[str, ...], where: str)
     scale = _number(entry.get("std_scale", 1.0), f"{where}.std_scale", 0.0)
     if scale == 0.0:
         raise DataError(f"{where}.std_scale: got 0, expected a number larger than 0")
+    dof = _number(entry["std_dof"], f"{where}.std_dof", 0.0) if "std_dof" in entry else None
     offset = _number(entry[quantity.name], f"{where}.{quantity.name}")
-    return SensorOffset(name=name, group=tuple(group), offset=offset, std=std, std_scale=scale)
+    return SensorOffset(name=name, group=tuple(group), offset=offset, std=std, std_scale=scale, std_dof=dof)
+
+
+def _own_keys(kind: str) -> tuple[str, ...]:
+    """Return the keys of an entry that are not columns of the input."""
+    return "name", "std_scale", "std_dof", OFFSETS[kind].name, OFFSETS[kind].std_name
 
 
 def _text(value: Any, where: str) -> str:
@@ -197,6 +202,7 @@ def entry_values(entry: SensorOffset, quantity: OffsetKind, by: Sequence[str]) -
         quantity.name: entry.offset,
         quantity.std_name: entry.std,
         "std_scale": entry.std_scale,
+        "std_dof": entry.std_dof,
     }
 
 

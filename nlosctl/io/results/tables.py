@@ -128,7 +128,7 @@ def _score_row(of: str, group: Mapping[str, Any], words: Iterable[str]) -> dict[
 
 def calibration_schema(calibration: Calibration) -> Any:
     """Return the Arrow schema of a calibration as a table."""
-    own = {calibration.quantity.name, calibration.quantity.std_name, "std_scale"}
+    own = {calibration.quantity.name, calibration.quantity.std_name, "std_scale", "std_dof"}
     fields = [pa.field(column.name, ARROW_TYPES[column.type]) for column in CALIBRATION.columns if column.name in own]
     return pa.schema([*(pa.field(name, pa.string()) for name in ("name", *calibration.by)), *fields])
 

@@ -38,6 +38,7 @@ def _calibration_of(estimate: OffsetEstimate, kind: str, by: Sequence[str]) -> C
             offset=float(estimate.offsets[index]) / scale if solution.determined[index] else 0.0,
             std=float(std[index]) if solution.determined[index] else None,
             std_scale=float(estimate.scale[index]),
+            std_dof=None if np.isnan(estimate.degrees[index]) else float(estimate.degrees[index]),
         )
         for index, key in enumerate(estimate.keys)
     )

@@ -49,7 +49,8 @@ _LEAST_FACTOR = 1e-3
 class OffsetEstimate:
     """Offsets (J,) of the sensors ``keys``, sorted, in the unit of the measurements, with what is known about them.
 
-    ``scale`` (J,) are the factors of stds, ``solution`` that of the last pass, at these offsets. ``rows`` (J,) are the
+    ``scale`` (J,) are the factors of stds with their ``degrees`` of freedom (J,), NaN where nothing determines any,
+    ``solution`` that of the last pass, at these offsets. ``rows`` (J,) are the
     rows of snapshots that count, ``snapshots`` their number, ``known`` that of snapshots with a known position,
     ``places`` the number of different positions by group. ``step`` is the largest move of an offset in the last of the
     ``passes``, over its std, or change of a factor's logarithm.
@@ -58,6 +59,7 @@ class OffsetEstimate:
     keys: tuple[Key, ...]
     offsets: FloatArray
     scale: FloatArray
+    degrees: FloatArray
     solution: OffsetSolution
     rows: FloatArray
     snapshots: int
@@ -115,7 +117,7 @@ def _advanced(
             information[one, other] = information[other, one] = pooled.sums(key)[0]
     before, factors = np.array([current.get(key, (0.0, 1.0)) for key in keys]).T
     solution = solve_offsets(information, gradient, alone, before, prior_std)
-    scale = _factors(squares * factors * factors, degrees, solution)
+    scale, spare = _factors(squares * factors * factors, degrees, solution)
     std = np.sqrt(np.diag(solution.covariance))
     moved = np.divide(np.abs(solution.step), std, out=np.zeros(std.shape), where=std > 0.0)
     changed = np.abs(np.log(scale / factors))
@@ -124,6 +126,7 @@ def _advanced(
         keys=keys,
         offsets=before + solution.step,
         scale=scale,
+        degrees=spare,
         solution=solution,
         rows=rows,
         snapshots=int(snapshots),
@@ -134,13 +137,17 @@ def _advanced(
     )
 
 
-def _factors(squares: FloatArray, degrees: FloatArray, solution: OffsetSolution) -> FloatArray:
-    """Return the factors (J,) of the stated stds by the squares over them (J,), and the degrees of freedom (J,)."""
+def _factors(squares: FloatArray, degrees: FloatArray, solution: OffsetSolution) -> tuple[FloatArray, FloatArray]:
+    """Return the factors (J,) of the stated stds by the squares over them (J,), and their degrees of freedom (J,).
+
+    A factor has those of its own rows and of its prior, and no more than the whole input.
+    """
     spare = float(degrees.sum()) - solution.freedom
-    whole = float(squares.sum()) / spare if spare > _LEAST_DEGREES else 1.0
-    own = np.maximum(degrees - 1.0, 0.0)
-    factor = np.sqrt((squares + _PRIOR_DEGREES * whole) / (own + _PRIOR_DEGREES))
-    return np.maximum(factor, _LEAST_FACTOR)
+    known = spare > _LEAST_DEGREES
+    whole = float(squares.sum()) / spare if known else 1.0
+    own = np.maximum(degrees - 1.0, 0.0) + _PRIOR_DEGREES
+    factor = np.sqrt((squares + _PRIOR_DEGREES * whole) / own)
+    return np.maximum(factor, _LEAST_FACTOR), np.minimum(own, spare) if known else np.full(own.shape, np.nan)
 
 
 def _places(pooled: ExactSums, keys: tuple[Key, ...]) -> dict[Key, int]:

@@ -36,7 +36,7 @@ def calibrated_chunk(chunk: Chunk, calibration: Calibration) -> tuple[Chunk, lis
     entries = np.array([index.get(key, -1) for key in keys], dtype=np.int64)
     lacking = [key for key, entry in zip(keys, entries.tolist(), strict=True) if entry < 0]
     offset = np.array([*(entry.offset for entry in calibration.entries), 0.0])[entries] * calibration.quantity.scale
-    scale = np.array([*(entry.std_scale for entry in calibration.entries), 1.0])[entries]
+    scale = np.array([*(entry.std_factor for entry in calibration.entries), 1.0])[entries]
     columns = calibrated_columns(chunk.columns, calibration.kind, offset[codes], scale[codes])
     return replace(chunk, columns={**columns, OFFSET_ENTRY: entries[codes], STD_FACTOR: scale[codes]}), lacking
 
