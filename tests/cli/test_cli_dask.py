@@ -18,6 +18,7 @@ from typing import Any
 
 import pyarrow.parquet
 import pytest
+from calibration_worlds import ROOM, session
 from cli_support import PROGRAM, Outcome, plain_environment, process
 
 from nlosctl.cli.main import run
@@ -262,3 +263,22 @@ def test_engine_usage_errors(cli: Cli, tmp_path: Path, words: list[str], code: i
     assert (outcome.code, outcome.err.count("\n")) == (code, 1), outcome.err
     assert message in outcome.err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", ["ranges", "arrivals"])
+def test_a_calibration_of_a_cluster_has_the_bytes_of_a_local_one(
+    cli: Cli, cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """Every pass over a folder whose parts cut snapshots runs on the workers; file and table are the same."""
+    monkeypatch.chdir(tmp_path)
+    table = pyarrow.table(session(kind, 60, seed=3, outliers=0.1, sensors=ROOM[:, :2])[0])
+    Path("in").mkdir()
+    for number, (first, behind) in enumerate(pairwise([0, 131, 250, table.num_rows])):
+        pyarrow.parquet.write_table(table.slice(first, behind - first), f"in/p{number}.parquet")
+    words = ("calibrate", "in", "-m", "mixture-ml", "-q")
+    assert cli(*words, "-o", "here.toml", "--table-out", "here.csv", "--jobs", "1").code == 0
+    outcome = cli(*words, "-o", "there.toml", "--table-out", "there.csv", *cluster.words)
+    assert outcome.code == 0, outcome.err
+    for end in ("toml", "csv"):
+        assert Path(f"there.{end}").read_bytes() == Path(f"here.{end}").read_bytes()
+    assert "covariance" in Path("there.toml").read_text()

@@ -235,3 +235,31 @@ def test_triplets_have_no_offsets() -> None:
     table = nlosctl.simulate("room", trials=3)
     with pytest.raises(UsageError, match="triplets have no offsets to calibrate; bearings, ranges"):
         nlosctl.calibrate(table)
+
+
+def test_rows_flagged_as_not_direct_are_left_out() -> None:
+    """Rows with los 0 have no say, whatever they measure; with `all_rows` they have."""
+    table, _ = session("ranges", 20, seed=15, sensors=[[0, 0], [30, 0], [30, 20], [0, 20], [15, 40]])
+    indirect = np.random.default_rng(3).random(100) < 0.15
+    flagged = {**table, "los": (~indirect).astype(int), "range_m": table["range_m"] + 5.0 * indirect}
+    found, covariance, _ = offsets(nlosctl.calibrate(flagged))
+    expected, expected_covariance, _ = offsets(nlosctl.calibrate(rows(table, ~indirect)))
+    assert found.tolist() == expected.tolist()
+    assert covariance.tolist() == expected_covariance.tolist()
+    assert np.abs(offsets(nlosctl.calibrate(flagged, all_rows=True))[0] - expected).max() > 0.3
+
+
+def test_a_moving_sensor_has_one_heading_for_all_its_places() -> None:
+    """A vehicle that is somewhere else in each snapshot has one offset, like sensors that stay."""
+    rng = np.random.default_rng(16)
+    table, given = session("bearings", 40, seed=16)
+    place = rng.uniform(0.0, 400.0, (40, 2))
+    truth = np.stack([table["truth_x_m"], table["truth_y_m"]], axis=1)[::6]
+    away = truth - place
+    table["sensor_x_m"][5::6], table["sensor_y_m"][5::6] = place.T
+    table["bearing_rad"][5::6] = np.arctan2(away[:, 1], away[:, 0]) + given[5] + STDS["bearings"] * rng.normal(size=40)
+    found, covariance, scale = offsets(nlosctl.calibrate(table))
+    error = found - given
+    assert len(found) == 6
+    assert error @ np.linalg.solve(covariance, error) < 16.8  # 99 % of chi-square with 6 degrees of freedom
+    assert 0.6 < scale[5] < 1.5
