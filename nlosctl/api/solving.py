@@ -191,6 +191,7 @@ def identify_los(
     table: Any,
     *,
     method: str | Sequence[str] = "assignment",
+    kind: str | None = None,
     field: str = "sensors:1",
     target_z_m: float | None = None,
     target_z_std_m: float | None = None,
@@ -207,14 +208,15 @@ def identify_los(
     sweep: Mapping[str, Sequence[Any]] | None = None,
     **parameters: Any,
 ) -> Localization:
-    """Identify the line-of-sight echoes of several targets; the results are those of ``nlosctl identify-los``.
+    """Identify the line-of-sight rows of several targets; the results are those of ``nlosctl identify-los``.
 
-    The table has ranges, any number per sensor, in any order. ``field`` is the region where targets are searched for.
+    The table has ranges or bearings, any number per sensor, in any order; one with both is read as ranges unless
+    ``kind`` is ``bearings``. ``field`` is the region where targets are searched for.
     The other arguments are those of `localize`.
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
     """
-    read = input_options(columns, constants, scene, parameters, kind="ranges", all_rows=all_rows)
+    read = input_options(columns, constants, scene, parameters, kind=kind, all_rows=all_rows)
     options = SolveOptions(
         method=names_of(method),
         parameters=parameters,

@@ -27,6 +27,7 @@ _STD_UNITS = {
 }
 
 _CONSTANT = "localize calibrate track validate plot convert describe"
+_OF_DIRECTIONS = f"identify-los bound {_CONSTANT}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,9 +119,9 @@ def _std_flag(name: str, column: str, what: str, commands: str) -> Flag:
 
 # fmt: off
 STD_FLAGS = (
-    _std_flag("--bearing-std-deg", "bearing_std_rad", "bearing", f"bound {_CONSTANT}"),
-    _std_flag("--elevation-std-deg", "elevation_std_rad", "elevation", f"bound {_CONSTANT}"),
-    _std_flag("--direction-std-deg", "direction_std_rad", "direction, across the ray,", f"bound {_CONSTANT}"),
+    _std_flag("--bearing-std-deg", "bearing_std_rad", "bearing", _OF_DIRECTIONS),
+    _std_flag("--elevation-std-deg", "elevation_std_rad", "elevation", _OF_DIRECTIONS),
+    _std_flag("--direction-std-deg", "direction_std_rad", "direction, across the ray,", _OF_DIRECTIONS),
     _std_flag("--range-std-m", "range_std_m", "range", f"identify-los bound {_CONSTANT}"),
     _std_flag("--arrival-std-m", "arrival_std_m", "arrival", f"bound {_CONSTANT}"),
     _std_flag("--arrival-std-s", "arrival_std_s", "arrival", f"bound {_CONSTANT}"),

@@ -54,15 +54,14 @@ class InputOptions:
 
     ``columns`` maps a standard column name to the file's own, ``constants`` a missing column to its value (radians,
     metres); ``default_constants`` give way to a column of the file. ``scene`` is a scene or the name of a file; without
-    one it is searched for as
-    `nlosctl.io.scenes.scene_file.find_scene` describes. ``extra_columns`` are the columns to keep beside those of the
-    measurement, by name or prefix (``sweep_*``); None keeps all. Columns that are not kept are not read. ``wide``,
+    one it is searched for: `nlosctl.io.scenes.scene_file.find_scene`. ``extra_columns`` are the columns to keep beside
+    those of the measurement, by name or prefix (``sweep_*``), and no others are read; None keeps all. ``wide``,
     ``missing``, ``where`` and ``declination_deg`` change the rows before all else: `nlosctl.io.row_steps`.
     ``missing_std`` is what becomes of required standard deviations that are missing: ``error``, ``estimable`` (an error
     that names the setting ``estimate_std``) or ``unit`` (1 in every row). ``speed_m_s`` makes lengths of arrival times,
     also of the constant ``arrival_std_s``, which becomes ``arrival_std_m``; its ``speed_std_m_s`` is one scale error of
-    all arrivals of a snapshot. ``window`` makes snapshots of times, see
-    `nlosctl.io.measurements.windows`.
+    all arrivals of a snapshot. ``window`` makes snapshots of times: `nlosctl.io.measurements.windows`. The rows of a
+    sensor may be ``unlabelled``, of any number of targets: bearings or, where a file has them, ranges.
     """
 
     input_format: str | None = option(
@@ -70,7 +69,7 @@ class InputOptions:
         f"{_MEASUREMENTS} evaluate", metavar="FORMAT", complete="format")
     kind: str | None = option(
         None, "--kind", "Input", "Kind: bearings, ranges, arrivals or triplets; default: detected from the columns.",
-        "localize bound track validate plot describe", metavar="KIND", complete="kind")
+        "localize identify-los bound track validate plot describe", metavar="KIND", complete="kind")
     dimensions: int | None = option(
         None, "--dimensions", "Input", "Dimensions, 2 or 3; default: 3 with elevations, stds and sensor heights.",
         f"{_READ} plot describe", minimum=2, maximum=3, metavar="N")
@@ -134,6 +133,7 @@ class InputOptions:
     default_constants: Mapping[str, float] = field(default_factory=dict)
     extra_columns: Sequence[str] | None = None
     missing_std: str = "error"
+    unlabelled: bool = False
     chunk_rows: int = field(default_factory=partial(size, "chunk_rows"))
     use_threads: bool = True
 

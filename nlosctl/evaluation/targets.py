@@ -28,7 +28,7 @@ _NO_TARGET = -1
 class EchoRows:
     """The rows (R,) of one snapshot: estimated and true target (-1: none), whether flagged direct and truly direct.
 
-    ``true_m`` (R, 2) is the position of the row's true target in metres, NaN without one.
+    ``true_m`` (R, D) is the position of the row's true target in metres, NaN without one.
     """
 
     target: IntArray
@@ -64,7 +64,7 @@ class TargetScores:
         self._groups: dict[Hashable, _Tally] = {}
 
     def add(self, rows: EchoRows, estimated_m: FloatArray | None, key: Hashable = ("",)) -> None:
-        """Add a snapshot: its rows, and the estimated targets (T, 2), their positions.
+        """Add a snapshot: its rows, and the estimated targets (T, D), their positions.
 
         Further columns of them are the share of rows used and the p-value of the fit. With ``estimated_m`` None,
         targets are counted from the flags, and no distances are scored.
@@ -82,8 +82,9 @@ class TargetScores:
         tally.confusion += np.bincount(2 * rows.true_los + rows.los, minlength=4)
         tally.cases.update(case_of(rows.true_target[[*echoes]], rows.true_los[[*echoes]]) for echoes in estimated)
         if estimated_m is not None:
-            true_m = np.array([rows.true_m[rows.true_target == number][0] for number in numbers]).reshape(-1, 2)
-            estimated_m, fit = estimated_m[:, :2], estimated_m[:, 2:]
+            dimension = rows.true_m.shape[1]
+            true_m = np.array([rows.true_m[rows.true_target == number][0] for number in numbers]).reshape(-1, dimension)
+            estimated_m, fit = estimated_m[:, :dimension], estimated_m[:, dimension:]
             if fit.shape[1]:
                 tally.fit.add(np.isfinite(estimated_m[:, 0]), fit[:, 0], fit[:, 1])
             distance = set_distance(estimated_m, true_m, order=self._order, cutoff_m=self._cutoff_m)

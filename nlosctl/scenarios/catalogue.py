@@ -18,6 +18,7 @@ __all__ = ["find_scenario", "scenario_module", "scenarios"]
 
 _MODULES = {
     "arrivals": "nlosctl.scenarios.arrival_world",
+    "bearing-field": "nlosctl.scenarios.bearing_field",
     "bearings": "nlosctl.scenarios.scene_bearings",
     "box": "nlosctl.scenarios.box",
     "echo-field": "nlosctl.scenarios.echo_field",

@@ -26,6 +26,7 @@ __all__ = [
     "draw_echoes",
     "draw_ranges",
     "draw_triplets",
+    "draw_unlabelled_bearings",
     "mirror_scene",
     "range_batch",
 ]
@@ -190,6 +191,29 @@ def draw_bearings(generator: np.random.Generator, snapshots: int, measurements: 
     return Trial(batch=dataclasses.replace(batch, field=field), size_m=3.0 * scale)
 
 
+def draw_unlabelled_bearings(
+    generator: np.random.Generator, snapshots: int, measurements: int, fault: str | None
+) -> Trial:
+    """Draw unlabelled bearings of up to two sources and clutter at four sensors in a round field; equal stds."""
+    shape = (snapshots, measurements)
+    scale = float(generator.choice((100.0, 400.0)))
+    sensor = np.tile(np.arange(measurements) % _ECHO_SENSORS, (snapshots, 1))
+    station_xy = generator.uniform(-scale, scale, (snapshots, _ECHO_SENSORS, 2))
+    if fault == "one point":
+        station_xy[:] = station_xy[:, :1]
+    target = np.arange(measurements) // _ECHO_SENSORS
+    source_xy = generator.uniform(-0.5 * scale, 0.5 * scale, (snapshots, int(target.max(initial=0)) + 1, 2))
+    sensor_xy = np.take_along_axis(station_xy, sensor[:, :, None], axis=1)
+    reflector, std = np.full(shape, -1, dtype=np.int64), np.full(shape, 0.005)
+    bearing = predict_bearings(sensor_xy, reflector, Scene(), source_xy[:, target])
+    bearing = bearing + std * generator.normal(size=shape) + (np.pi if fault == "behind" else 0.0)
+    clutter = (target >= 2) | (fault == "clutter alone")
+    bearing = np.where(clutter, generator.uniform(-np.pi, np.pi, shape), wrap_angle(bearing))
+    batch = bearing_batch(generator, Scene(), sensor, sensor_xy, bearing, std, reflector)
+    field = CircleField(x_m=0.0, y_m=0.0, radius_m=2.0 * scale)
+    return Trial(batch=dataclasses.replace(batch, field=field), size_m=3.0 * scale)
+
+
 def mirror_scene(generator: np.random.Generator, scale: float) -> Scene:
     """Two mirrors with all of the search region on one side, one of them vertical, and a third across the region."""
     angle = generator.uniform(-np.pi, np.pi)
@@ -251,6 +275,9 @@ DRAWS: dict[tuple[str, str], Draw] = {
     ),
     ("ranges", "identify-los"): Draw(
         trial=draw_echoes, faults=("one point", "on one line", "clutter alone"), directions=()
+    ),
+    ("bearings", "identify-los"): Draw(
+        trial=draw_unlabelled_bearings, faults=("one point", "behind", "clutter alone"), directions=("bearing_rad",)
     ),
     ("arrivals", "localize"): ARRIVAL_DRAW,
     ("triplets", "localize"): _TRIPLET_DRAW,

@@ -159,6 +159,13 @@ _SPACE_DRAWS: dict[tuple[str, str], tuple[Draw, ...]] = {
         )
         for with_height in (False, True)
     ),
+    ("bearings", "identify-los"): (
+        Draw(
+            trial=partial(draw_directions, with_height=False),
+            faults=("one point", "azimuths alone", "behind", "parallel"),
+            directions=("bearing_rad",),
+        ),
+    ),
     ("ranges", "localize"): (
         Draw(trial=draw_space_ranges, faults=("one point", "on one line", "do not meet"), directions=()),
     ),

@@ -15,6 +15,7 @@ Cli = Callable[..., Outcome]
 SCENARIOS = ["bearings", "mixed", "over-the-horizon", "random", "ring", "song-circle", "song-flat"]
 OTHER_KINDS = [
     "arrivals",
+    "bearing-field",
     "box",
     "echo-field",
     "liang",

@@ -84,15 +84,14 @@ def identify_los(
     verbose: Verbose = False,
     debug: Debug = False,
 ) -> int:
-    """Identify line-of-sight echoes and estimate the number of targets; a flag per range.
+    """Identify line-of-sight echoes or bearings of an unknown number of targets; a flag per row.
 
-    A snapshot has any number of ranges per sensor, in any order. Without -o a terminal shows a preview and a pipe gets
-    CSV. Exit codes: 0 done, 1 bad data or files, 2 usage error, 3 with --strict if a snapshot has no target, 4
-    a --fail-if condition is met (fix_rate: share of snapshots with a target; used_share, share_p_below_0001), 130
-    interrupted.
+    A snapshot has any number of ranges or bearings per sensor, in any order; a file with both is read as ranges.
+    Without -o a terminal shows a preview and a pipe gets CSV. Exit codes: 0 done, 1 bad data or files, 2 usage error, 3
+    with --strict if a snapshot has no target, 4 a --fail-if condition is met (fix_rate: share of snapshots with
+    a target; used_share, share_p_below_0001), 130 interrupted.
     """
     targets = {"flags": write.output, "estimates": write.estimates_out}
-    read = dataclasses.replace(read, kind="ranges")
     terminal = Terminal(quiet, verbose)
     return _solve("identify-los", inputs, read, options, write, targets, config, terminal, fail_if, strict=strict)
 

@@ -41,6 +41,14 @@ TRUTH_PATH = (
     ),
 )
 
+_TRUTH_TARGET = Column(
+    name="truth_target",
+    type="integer",
+    nullable=True,
+    carried=True,
+    meaning="true target of the row, for rows of several targets, numbered from 0; null for a false row",
+)
+
 SENSOR = (
     Column(
         name="sensor",
@@ -195,6 +203,7 @@ BEARINGS = Table(
         *_PRIOR_COVARIANCE,
         *on_earth("prior", "prior position of the source"),
         *TRUTH_PATH,
+        _TRUTH_TARGET,
         *EARLIER_FLAGS,
         *headings("", _RELATIVE, "the sensor"),
         *_VECTOR,
@@ -238,13 +247,7 @@ RANGES = Table(
         TARGET_HEIGHT[0],
         *_PATH,
         *TRUTH_PATH,
-        Column(
-            name="truth_target",
-            type="integer",
-            nullable=True,
-            carried=True,
-            meaning="true target of the echo, numbered from 0; null for a false echo",
-        ),
+        _TRUTH_TARGET,
         *EARLIER_FLAGS,
     ),
     space=(

@@ -7,7 +7,7 @@ from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import kind_of_columns
 from nlosctl.io.measurements.missing_columns import refuse_mixed_stds
 from nlosctl.io.measurements.survey import InputSurvey, OpenTable, planned, scene_of
-from nlosctl.io.measurements.table_schemas import check_same_scene
+from nlosctl.io.measurements.table_schemas import check_same_scene, unlabelled_table
 from nlosctl.io.paths.inputs import Input, Part
 from nlosctl.io.readers.base import closed_on_failure
 from nlosctl.io.readers.open_file import open_part
@@ -28,7 +28,8 @@ def open_next(given: Input, part: Part, options: InputOptions, survey: InputSurv
             raise DataError(
                 f"{part.name}: times in {opened.time_column!r}, those of {first.name} are not; give one kind"
             )
-        kind = kind_of_columns(opened.all_names)
+        names = opened.all_names
+        kind = unlabelled_table(None, names).name if options.unlabelled else kind_of_columns(names)
         if options.kind is None and kind != survey.table.name:
             raise DataError(
                 f"{part.name}: contains {kind}, but {first.name} contains {survey.table.name}; "

@@ -26,7 +26,7 @@ from nlosctl.io.measurements.column_mapping import (
 )
 from nlosctl.io.measurements.geographic import PlaneCoordinates
 from nlosctl.io.measurements.missing_columns import is_of_one_station, measured_names, rename, usable_defaults
-from nlosctl.io.measurements.table_schemas import unified_schema
+from nlosctl.io.measurements.table_schemas import unified_schema, unlabelled_table
 from nlosctl.io.paths.inputs import Input, Part
 from nlosctl.io.readers.base import closed_on_failure
 from nlosctl.io.readers.open_file import TableFile, open_part
@@ -226,6 +226,8 @@ def planned(
     if twice:
         raise DataError(f"{part.name}: duplicate column {twice[0]!r}; rename or drop one")
     is_first, given = table is None, {*options.constants, *options.default_constants}
+    if table is None and options.unlabelled:
+        table = unlabelled_table(options.kind, [*file.names, *options.columns])
     table = table or kind_table(options.kind or kind_of_columns([*file.names, *options.columns], given))
     needs_times = bool(scene.time_column) or options.window is not None
     table = table.with_times() if needs_times else table
@@ -238,10 +240,8 @@ def planned(
         table, remarks = in_dimension(table, names, given, scene, part.name, options.dimensions, needs_stds=needs_stds)
     header = [name for name in file.names if name not in derived and not (one_station and name == "sensor")]
     defaults = options.default_constants and usable_defaults(options.default_constants, names, table)
-    constants = {
-        **defaults,
-        **{name: value for name, value in options.constants.items() if name not in table.space_names},
-    }
+    own = {name: value for name, value in options.constants.items() if name not in table.space_names}
+    constants = {**defaults, **own}
     plan = plan_columns(names, table, constants, scene, part.name, header, options.missing_std)
     if table.dimension == 3 or table.name == "arrivals" or options.speed_std_m_s:
         from nlosctl.io.measurements.completion.completed_rows import completed_plan

@@ -1,20 +1,34 @@
-"""What several files share: one Arrow schema for their columns, tables converted to it, and one scene."""
+"""The table of unlabelled rows; what several files share: one Arrow schema for their columns, and one scene."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import pyarrow as pa
 
 from nlosctl.contract.scene import Scene
-from nlosctl.contract.tables import contract_names
+from nlosctl.contract.tables import KINDS, Table, contract_names
 from nlosctl.errors import DataError
+from nlosctl.io.measurements.column_mapping import kind_table
 from nlosctl.io.paths.inputs import Part
 from nlosctl.io.readers.base import as_text, plain, plain_type
 
-__all__ = ["check_same_scene", "conformed", "unified_schema"]
+__all__ = ["check_same_scene", "conformed", "unified_schema", "unlabelled_table"]
+
+_UNLABELLED = {"ranges": "range_m", "bearings": "bearing_rad"}
+"""The measured column of each kind whose rows may be unlabelled; of a file that has both, the first is meant."""
+
+
+def unlabelled_table(kind: str | None, names: Iterable[str]) -> Table:
+    """Return the table of a file of unlabelled rows with the columns ``names``; no key that none of them may repeat.
+
+    It is that of a ``kind``, if given, else that of ranges where the file has them, else of bearings.
+    """
+    given = set(names)
+    measured = [own for own, name in _UNLABELLED.items() if given.intersection(KINDS[own].column(name).accepted_names)]
+    return replace(kind_table(kind or next(iter(measured), "ranges")), row_key=())
 
 
 def unified_schema(schemas: Sequence[Any]) -> Any:

@@ -23,15 +23,16 @@ __all__ = ["evaluate_targets"]
 
 
 _COLUMNS = ("los", "truth_los", "target", "truth_target", "truth_x_m", "truth_y_m")
+_TRUTH_HEIGHT = "truth_z_m"
 _NO_TARGET = -1
 
 
 @dataclass
 class _TargetEstimates:
-    """The estimated targets (T, 4) of each snapshot, by its id and the ``shared`` grouping values as text.
+    """The estimated targets (T, D + 2) of each snapshot, by its id and the ``shared`` grouping values as text.
 
-    Their columns are x, y, the share of rows used and the p-value of the fit, NaN if unknown. ``other`` has the values
-    of the grouping columns that only the flags have, by snapshot.
+    Their columns are x, y and in space z, the share of rows used and the p-value of the fit, NaN if unknown. ``other``
+    has the values of the grouping columns that only the flags have, by snapshot.
     """
 
     by_snapshot: Mapping[tuple[str, ...], FloatArray]
@@ -42,20 +43,24 @@ class _TargetEstimates:
 def evaluate_targets(flags: Input, estimates: Sequence[Input], *, order: float, cutoff_m: float) -> Evaluation:
     """Evaluate flags of ``identify-los`` with its estimates, by method and ``sweep_*`` column.
 
-    ``order`` and ``cutoff_m`` are those of OSPA and GOSPA. Raises DataError for a missing column, if the estimates have
-    no row for a snapshot, or if those of a snapshot are not unique.
+    ``order`` and ``cutoff_m`` are those of OSPA and GOSPA, in space where estimates and truth have heights. Raises
+    DataError for a missing column, if the estimates have no row for a snapshot, or if those of a snapshot are not
+    unique.
     """
     with closing(PlainReader(flags, FLAGS)) as reader:
         missing = [name for name in _COLUMNS if name not in reader.schema.names]
         if missing:
             raise DataError(f"{flags.name}: no column {missing[0]!r}: targets are evaluated by {', '.join(_COLUMNS)}")
         grouping = grouping_columns(reader.schema.names)
-        targets = _read_estimates(estimates, grouping)
+        tables = [(source.name, PlainReader(source, ESTIMATES).read_all()) for source in estimates]
+        heights = _TRUTH_HEIGHT in reader.schema.names and all("z_m" in table.column_names for _, table in tables)
+        axes = "xyz" if heights else "xy"
+        targets = _read_estimates(tables, grouping, axes)
         scores = TargetScores(order=order, cutoff_m=cutoff_m)
         for table in whole_snapshots(reader.batches()):
             by_group, keys = group_codes(table, grouping)
             by_snapshot, snapshots = group_codes(table, ["snapshot", *grouping])
-            rows = _rows(table)
+            rows = _rows(table, axes)
             order_of_rows = np.argsort(by_snapshot, kind="stable")
             ends = np.cumsum(np.bincount(by_snapshot, minlength=len(snapshots)))
             for number, index in enumerate(np.split(order_of_rows, ends[:-1])):
@@ -64,7 +69,7 @@ def evaluate_targets(flags: Input, estimates: Sequence[Input], *, order: float, 
         return present("targets", scores, [(flags, reader)], grouping)
 
 
-def _rows(table: Any) -> EchoRows:
+def _rows(table: Any, axes: str) -> EchoRows:
     def labels(name: str) -> IntArray:
         values = numbers(table.column(name))
         return np.where(np.isnan(values), _NO_TARGET, values).astype(np.int64)
@@ -74,7 +79,7 @@ def _rows(table: Any) -> EchoRows:
         true_target=labels("truth_target"),
         los=boolean_codes(table.column("los")) == 1,
         true_los=boolean_codes(table.column("truth_los")) == 1,
-        true_m=np.stack([numbers(table.column(name)) for name in ("truth_x_m", "truth_y_m")], axis=1),
+        true_m=np.stack([numbers(table.column(f"truth_{axis}_m")) for axis in axes], axis=1),
     )
 
 
@@ -88,16 +93,15 @@ def _take(rows: EchoRows, index: IntArray) -> EchoRows:
     )
 
 
-def _read_estimates(sources: Sequence[Input], grouping: list[str]) -> _TargetEstimates:
+def _read_estimates(tables: Sequence[tuple[str, Any]], grouping: list[str], axes: str) -> _TargetEstimates:
     """Return the positions of all targets; a snapshot without a target has an empty array."""
-    tables = [(source.name, PlainReader(source, ESTIMATES).read_all()) for source in sources]
     shared = tuple(name for name in grouping if all(name in table.column_names for _, table in tables))
     by_snapshot: dict[tuple[str, ...], FloatArray] = {}
     files: dict[tuple[str, ...], str] = {}
     for name, table in tables:
         if "method" not in shared and len(table.column("method").unique()) > 1:
             raise DataError(f"{name}: estimates of several methods, but the flags have no column 'method'")
-        for key, positions in _positions(table, shared):
+        for key, positions in _positions(table, shared, axes):
             if files.setdefault(key, name) != name:
                 raise DataError(
                     f"{name}: snapshot {key[0]!r} has estimates in {files[key]} too, expected those of one run; "
@@ -107,11 +111,11 @@ def _read_estimates(sources: Sequence[Input], grouping: list[str]) -> _TargetEst
     return _TargetEstimates(by_snapshot, shared)
 
 
-def _positions(table: Any, shared: Sequence[str]) -> Iterator[tuple[tuple[str, ...], FloatArray]]:
-    """Yield the key and the targets (T, 4) of each snapshot of a table of estimates."""
+def _positions(table: Any, shared: Sequence[str], axes: str) -> Iterator[tuple[tuple[str, ...], FloatArray]]:
+    """Yield the key and the targets (T, D + 2) of each snapshot of a table of estimates."""
     by_snapshot, snapshots = group_codes(table, ["snapshot", *shared])
     fit = [np.full(table.num_rows, np.nan) if values is None else values for values in fit_arrays(table).values()]
-    targets = np.stack([*(numbers(table.column(name)) for name in ("x_m", "y_m")), *fit], axis=1)
+    targets = np.stack([*(numbers(table.column(f"{axis}_m")) for axis in axes), *fit], axis=1)
     statuses = np.array(table.column("status").to_pylist(), dtype=object)
     counted = (numbers(table.column("alternative")) == 0.0) & ~np.isin(statuses, _WITHOUT_TARGET)
     rows = np.flatnonzero(counted)

@@ -84,6 +84,10 @@ def _no_fix(runs: Sequence[MethodRun], report: RunReport, measured: Measured) ->
     """Return a line of advice if no method of ``localize`` has a fix; it follows from the most frequent status."""
     tallies = [report.methods[run.label] for run in runs]
     located = any(tally.answered or tally.statuses[Status.OUTSIDE_FIELD.word] for tally in tallies)
+    if not located and report.snapshots:
+        unlabelled = [run for run in runs if (run.spec.job, run.spec.kind) == ("identify-los", "bearings")]
+        if unlabelled:
+            return [_no_target(run) for run in unlabelled]
     if located or not report.snapshots or all(run.spec.job != "localize" for run in runs):
         return []
     statuses: Counter[str] = sum((tally.statuses for tally in tallies), Counter())
@@ -92,6 +96,14 @@ def _no_fix(runs: Sequence[MethodRun], report: RunReport, measured: Measured) ->
     few = status == Status.TOO_FEW
     advice = _few_rows(runs, report, column) if few else _of_status(runs, report, status)
     return [f"no snapshot has a fix ({statuses[status.word]} of {statuses.total()} are {status.word}): {advice}"]
+
+
+def _no_target(run: MethodRun) -> str:
+    least = getattr(run.options, "min_sensors", 1)
+    return (
+        f"{run.label}: no snapshot has a target: with min_sensors={least} the rows of so many sensors must meet in the "
+        "search region; are there so many, and are the standard deviations correct?"
+    )
 
 
 def _few_rows(runs: Sequence[MethodRun], report: RunReport, snapshot_column: str) -> str:

@@ -262,7 +262,7 @@ def _estimated_options(report: RunReport) -> list[str]:
 
 def _half_ranges(runs: Sequence[MethodRun]) -> list[str]:
     """Return a note on the law of scattered ranges, on which the accuracy of ``identify-los`` depends."""
-    if not any(run.spec.job == "identify-los" for run in runs):
+    if not any((run.spec.job, run.spec.kind) == ("identify-los", "ranges") for run in runs):
         return []
     return [
         "the documented accuracy is that of scattered ranges that are the sum of all legs; ranges that are delays "

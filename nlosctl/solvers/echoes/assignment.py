@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import block_array, csr_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 
@@ -94,9 +93,18 @@ def choose_disjoint(echo: IntArray, weight: FloatArray, max_nodes: int) -> Choic
 
 def _components(echo: IntArray) -> list[IntArray]:
     """Return the candidates (C, N) linked through shared echoes, each component in rising order."""
-    taken = _incidence(echo)
-    _, label = connected_components(block_array([[None, taken], [taken.T, None]], format="csr"), directed=False)
-    label = label[: echo.shape[0]]
+    candidate, sensor = np.nonzero(echo >= 0)
+    column = sensor * (int(echo.max(initial=0)) + 1) + echo[candidate, sensor]
+    label = np.arange(echo.shape[0])
+    while True:
+        least = np.full(int(column.max(initial=0)) + 1, echo.shape[0])
+        np.minimum.at(least, column, label[candidate])
+        lower = label.copy()
+        np.minimum.at(lower, candidate, least[column])
+        lower = lower[lower]
+        if (lower == label).all():
+            break
+        label = lower
     order = np.argsort(label, kind="stable")
     parts: list[IntArray] = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
     return parts

@@ -18,7 +18,7 @@ from nlosctl.solvers.echoes.candidates import Candidates
 from nlosctl.solvers.echoes.echoes import Echoes
 from nlosctl.solvers.echoes.scatterers import scattered_density
 
-__all__ = ["Hypotheses", "TargetSet", "choose_targets", "clutter_density", "target_weights"]
+__all__ = ["Hypotheses", "TargetSet", "choose_targets", "clutter_density", "existence_probability", "target_weights"]
 
 _ROUNDS = 4
 """Rounds of clutter density and set of targets, without and with scatterers; usually the second set is the first."""
@@ -114,7 +114,7 @@ def choose_targets(echoes: Echoes, candidates: Candidates, hypotheses: Hypothese
     fewer = np.log(clutter_density(echoes, hypotheses.bandwidth_m, rest)[rest] / everything[rest]).sum()
     explained = np.isfinite(everything).sum() - rest.sum()
     evidence = float(at_first[chosen].sum() + fewer + explained) - hypotheses.least_evidence
-    existence = _existence(candidates.echo, weights, chosen, evidence)
+    existence = existence_probability(candidates.echo, weights, chosen, evidence)
     probable = np.flatnonzero((existence >= 0.5) & (evidence > 0.0))
     return TargetSet(chosen[probable], existence[probable], choice.proven)
 
@@ -139,7 +139,7 @@ def _unexplained(echoes: Echoes, taken: IntArray) -> BoolArray:
     return free
 
 
-def _existence(echo: IntArray, weights: FloatArray, chosen: IntArray, evidence: float) -> FloatArray:
+def existence_probability(echo: IntArray, weights: FloatArray, chosen: IntArray, evidence: float) -> FloatArray:
     """Return the posterior probability (T,) of each chosen candidate, given the other chosen ones.
 
     The alternatives are: all echoes are clutter (``evidence`` nats less likely), its own echoes are clutter, or they

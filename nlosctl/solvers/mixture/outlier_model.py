@@ -32,7 +32,7 @@ from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.outlier_options import BearingOutlierOptions
 from nlosctl.solvers.mixture.path_groups import PathGroups, group_paths, path_shares, sort_rows
 
-__all__ = ["OutlierModel", "grouped_batch", "has_several_paths", "outlier_model"]
+__all__ = ["OutlierModel", "bearing_region", "grouped_batch", "has_several_paths", "outlier_model", "source_volume"]
 
 
 _SPACE = 3
@@ -133,7 +133,7 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
     ranges = range_columns(batch, options.use_ranges)
     if ranges is not None and isinstance(lines, GeodesicLines):
         raise UsageError("ranges beside azimuths of geodesics have no model: set `parameters` use_ranges=false")
-    region = _region(batch, lines, ranges)
+    region = bearing_region(batch, lines, ranges)
     extent = box_diagonal(*region.bounds_m)
     sensor_extent = _larger_side(*_sensors(batch, lines))
     least = options.min_range_m
@@ -173,7 +173,7 @@ def outlier_model(batch: BearingBatch, groups: PathGroups, options: BearingOutli
     leader = sort_rows(groups.leader, groups)
     has_height = height is not None or (isinstance(lines, SpaceLines) and lines.is_held)
     return OutlierModel(
-        lines, rows, mixture, leader, share, region, _volume(lines, region), minimum, extent, sensor_extent,
+        lines, rows, mixture, leader, share, region, source_volume(lines, region), minimum, extent, sensor_extent,
         ranges and ranges[0], ranges and ranges[1], has_height,
     )  # fmt: skip
 
@@ -193,7 +193,7 @@ def _origins(lines: Any) -> Point:
     return lines.origin if isinstance(lines, SpaceLines) else (lines.origin_x, lines.origin_y)
 
 
-def _region(batch: BearingBatch, lines: Any, ranges: tuple[FloatArray, FloatArray] | None) -> Region:
+def bearing_region(batch: BearingBatch, lines: Any, ranges: tuple[FloatArray, FloatArray] | None) -> Region:
     """Return the search regions; in space about as high as a height of the plane z = 0 may be."""
     sensors = _sensors(batch, lines)
     center = tuple(np.zeros(batch.size) for _ in sensors)
@@ -211,7 +211,7 @@ def _region(batch: BearingBatch, lines: Any, ranges: tuple[FloatArray, FloatArra
         return limit_height(region, height.z_m, _HEIGHT_STANDARD_DEVIATIONS / height.inverse_std)
 
 
-def _volume(lines: Any, region: Region) -> FloatArray:
+def source_volume(lines: Any, region: Region) -> FloatArray:
     """Return the volumes (B,) in which sources may be: a measured height counts as its Gaussian across the region."""
     height = lines.height if isinstance(lines, SpaceLines) else None
     if height is None:
