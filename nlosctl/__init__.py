@@ -1,8 +1,9 @@
 """Localize radio, acoustic and radar sources from measurements when some paths are not line of sight.
 
 The functions take tables (pyarrow, polars, pandas, dict) or paths, and return pyarrow tables. `localize`,
-`identify_los`, `detect_ip` and `bound` solve measurements, `calibrate` finds the offsets of their sensors; `read`,
-`describe`, `validate`, `convert` and `simulate` make and check them; `evaluate` and `plot` show how good estimates are.
+`identify_los`, `detect_ip` and `bound` solve measurements, `track` finds paths, `calibrate` the offsets of sensors;
+`read`, `describe`, `validate`, `convert` and `simulate` make and check them; `evaluate` and `plot` show how good
+estimates are.
 They are the commands of ``nlosctl``, with the same options and results; see docs/python.md.
 """
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
         Localization,
         Plot,
         SensorCalibration,
+        Tracks,
         bound,
         calibrate,
         convert,
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
         plot,
         read,
         simulate,
+        track,
         validate,
     )
 
@@ -40,6 +43,7 @@ __all__ = [
     "Localization",
     "Plot",
     "SensorCalibration",
+    "Tracks",
     "__version__",
     "bound",
     "calibrate",
@@ -52,6 +56,7 @@ __all__ = [
     "plot",
     "read",
     "simulate",
+    "track",
     "validate",
 ]
 

@@ -3,6 +3,7 @@
 from nlosctl.api.calibrating import SensorCalibration, calibrate
 from nlosctl.api.files import Plot, convert, describe, evaluate, plot, read, simulate, validate
 from nlosctl.api.solving import Detection, Localization, bound, detect_ip, identify_los, localize
+from nlosctl.api.tracking import Tracks, track
 from nlosctl.pipeline.evaluate.groups import Evaluation
 
 __all__ = [
@@ -11,6 +12,7 @@ __all__ = [
     "Localization",
     "Plot",
     "SensorCalibration",
+    "Tracks",
     "bound",
     "calibrate",
     "convert",
@@ -22,5 +24,6 @@ __all__ = [
     "plot",
     "read",
     "simulate",
+    "track",
     "validate",
 ]

@@ -28,12 +28,11 @@ PANELS = ("Input", "Geometry", "Method", "Output", "Run", "Messages")
 """The panels of every command's help, in order."""
 
 _SOLVE, _TABLES = "localize detect-ip identify-los", "localize detect-ip identify-los track"
-_ESTIMATE, _CALIBRATED = f"{_SOLVE} calibrate track", f"{_SOLVE} bound validate"
-_READ, _ENGINE = f"{_ESTIMATE} bound validate", f"{_SOLVE} calibrate bound"
+_ESTIMATE, _ENGINE = f"{_SOLVE} calibrate track", f"{_SOLVE} calibrate bound"
+_READ, _CALIBRATED = f"{_ESTIMATE} bound validate", f"{_SOLVE} bound validate"
 _MEASUREMENTS = f"{_READ} plot convert describe"
 _WRITE = f"{_TABLES} bound evaluate simulate convert"
-_ARRIVALS = "localize validate plot convert describe"
-_REPORT = f"{_ESTIMATE} bound evaluate"
+_ARRIVALS, _REPORT = "localize validate plot convert describe", f"{_ESTIMATE} bound evaluate"
 _NOISES, _ENGINES, _POOLS = ("gaussian", "laplace"), ("local", "dask"), ("snapshot", "sensor", "file")
 
 
@@ -60,8 +59,8 @@ class InputOptions:
     ``missing_std`` is what becomes of required standard deviations that are missing: ``error``, ``estimable`` (an error
     that names the setting ``estimate_std``) or ``unit`` (1 in every row). ``speed_m_s`` makes lengths of arrival times,
     also of the constant ``arrival_std_s``, which becomes ``arrival_std_m``; its ``speed_std_m_s`` is one scale error of
-    all arrivals of a snapshot. ``window`` makes snapshots of times: `nlosctl.io.measurements.windows`. The rows of a
-    sensor may be ``unlabelled``, of any number of targets: bearings or, where a file has them, ranges.
+    all arrivals of a snapshot. ``window`` makes snapshots of times: `nlosctl.io.measurements.windows`; chunks keep the
+    rows' times with ``keep_times``. A sensor's rows may be ``unlabelled``, of any number of targets.
     """
 
     input_format: str | None = option(
@@ -134,6 +133,7 @@ class InputOptions:
     extra_columns: Sequence[str] | None = None
     missing_std: str = "error"
     unlabelled: bool = False
+    keep_times: bool = False
     chunk_rows: int = field(default_factory=partial(size, "chunk_rows"))
     use_threads: bool = True
 

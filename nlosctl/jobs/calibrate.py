@@ -10,14 +10,22 @@ from nlosctl.contract.calibration import OFFSETS
 from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE
 from nlosctl.contract.run_options import InputOptions, OutputOptions, SolveOptions
 from nlosctl.contract.tables import TRUTH_HEIGHT
-from nlosctl.errors import DataError, UsageError, did_you_mean
+from nlosctl.errors import UsageError
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.results.layouts import TRUTH_NAMES
 from nlosctl.io.results.tables import calibration_table
 from nlosctl.io.results.truth_table import TruthTable
 from nlosctl.io.writers.output_set import OutputSet, check_targets
-from nlosctl.jobs.files import Destination, naming_importer, open_inputs, open_measurements, open_output, write_report
+from nlosctl.jobs.files import (
+    Destination,
+    naming_importer,
+    open_inputs,
+    open_measurements,
+    open_output,
+    require_columns,
+    write_report,
+)
 from nlosctl.jobs.solve import input_passes, readable_again
 from nlosctl.pipeline.calibrate.calibration_report import CalibrationReport
 from nlosctl.pipeline.calibrate.known_positions import OWN_COLUMNS, KnownPositions
@@ -102,7 +110,7 @@ def _sums(
     reader: MeasurementReader, options: SolveOptions, by: tuple[str, ...], known: KnownPositions | None
 ) -> OffsetSums:
     """Return the statistic of the passes, from offsets of zero; raise the errors of groups and of the method."""
-    _check_groups(by, reader)
+    require_columns(by, reader)
     return OffsetSums(
         kind=reader.kind,
         dimension=reader.dimension,
@@ -120,13 +128,6 @@ def _count_rows(reader: MeasurementReader, destination: Destination) -> None:
     with destination.console.progress("calibrate") as progress:
         for _ in reader.chunks():
             progress(reader.report.rows_in_all, None)
-
-
-def _check_groups(by: Sequence[str], reader: MeasurementReader) -> None:
-    for name in by:
-        if name not in reader.column_names:
-            near = did_you_mean(name, reader.column_names)
-            raise DataError(f"`by` {name}: no column {name!r}{near}. The input has: {', '.join(reader.column_names)}")
 
 
 def _truth_table(truth: str | Sequence[Input] | None) -> TruthTable | None:

@@ -27,6 +27,7 @@ __all__ = [
     "open_inputs",
     "open_measurements",
     "open_output",
+    "require_columns",
     "require_window",
     "with_calibration",
     "write_report",
@@ -99,6 +100,14 @@ def require_window(read: InputOptions) -> None:
     """Raise UsageError for columns that part the rows without windows."""
     if read.by and read.window is None:
         raise UsageError(f"`by` {read.by[0]} separates windows of time; set `window` too, such as 2s, auto or all")
+
+
+def require_columns(by: Sequence[str], reader: MeasurementReader) -> None:
+    """Raise DataError for a column of ``by`` that the input lacks."""
+    for name in by:
+        if name not in reader.column_names:
+            near = did_you_mean(name, reader.column_names)
+            raise DataError(f"`by` {name}: no column {name!r}{near}. The input has: {', '.join(reader.column_names)}")
 
 
 def open_inputs(inputs: Sequence[str] | Sequence[Input], input_format: str | None) -> list[Input]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from nlosctl.contract.run_options import InputOptions, OutputOptions, SolveOptions
@@ -11,12 +12,23 @@ from nlosctl.contract.tables import measured_names
 from nlosctl.errors import DataError, UsageError
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.results.fixes import are_fixes, column_names
+from nlosctl.io.results.layouts import carried_names
 from nlosctl.io.writers.output_set import OutputSet, check_targets, is_folder_target
-from nlosctl.jobs.files import Destination, naming_importer, open_inputs, open_output, write_report
+from nlosctl.jobs.files import (
+    Destination,
+    naming_importer,
+    open_inputs,
+    open_measurements,
+    open_output,
+    require_columns,
+    write_report,
+)
 from nlosctl.jobs.solve import readable_again
 from nlosctl.pipeline.engine.workers import usable_jobs
 from nlosctl.pipeline.engine.writing import write_tables
+from nlosctl.pipeline.solve.method_runs import method_runs
 from nlosctl.pipeline.track.fix_run import FixRun
+from nlosctl.pipeline.track.measured_run import MeasuredRun
 from nlosctl.pipeline.track.track_options import TrackOptions, track_options
 
 __all__ = ["Motion", "track"]
@@ -63,7 +75,7 @@ def track(
             raise DataError("the inputs are estimates and measurements; track them one by one")
         if all(of_fixes):
             return _track_fixes(sources, read, own, options, write, destination)
-        raise DataError(f"{sources[0].name}: no estimates")
+        return _track_measurements(sources, read, own, options, write, destination)
 
 
 def _track_fixes(
@@ -87,18 +99,57 @@ def _track_fixes(
         overwrite=write.overwrite,
         inputs=protected,
     )
+    if "flags" in destination.wanted:
+        raise UsageError("`flags_out`: flags are of measurements, and the input is estimates")
     with OutputSet() as outputs:
-        metadata = run.metadata("track", with_hash=write.hash)
-
-        def sink(name: str, target: str) -> Any:
-            if name in destination.sinks:
-                return destination.sinks[name](run.schemas[name])
-            return outputs.take(open_output(target, run.schemas[name], write, protected, metadata))
-
-        if "flags" in destination.wanted:
-            raise UsageError("`flags_out`: flags are of measurements, and the input is estimates")
-        sinks = {name: sink(name, target) for name, target in destination.wanted.items()}
-        with destination.console.progress("track") as progress:
-            write_tables(run.tables(), sinks, lambda: metadata, lambda rows: progress(rows, None))
-        write_report(write, run.report.as_dict(), outputs, destination.console)
+        _write(run, partial(run.metadata, with_hash=write.hash), write, destination, protected, outputs)
     return run
+
+
+def _track_measurements(
+    sources: Sequence[Input],
+    read: InputOptions,
+    own: TrackOptions,
+    options: SolveOptions,
+    write: OutputOptions,
+    destination: Destination,
+) -> MeasuredRun:
+    """Write the states, and flags, of tracks through measurements."""
+    by = tuple(read.by)
+    used = None if "flags" in destination.wanted else carried_names((*write.carry, *by))
+    read = dataclasses.replace(
+        read, keep_times=True, by=() if read.window is None else by, extra_columns=used, use_threads=options.jobs != 1
+    )
+    with open_measurements(sources, read, write, destination) as opened:
+        require_columns(by, opened.reader)
+        runs = method_runs(options.method, opened.reader.kind, "localize", options.parameters)
+        if len(runs) != 1:
+            raise UsageError(f"`method`: a track is found by one method. Got {len(runs)}.")
+        run = MeasuredRun(opened.reader, runs[0], options, write, own, by, destination.wanted)
+        with OutputSet() as outputs:
+            opened.set_bad_rows_aside(write, outputs)
+            metadata = partial(run.metadata, opened.inputs, with_hash=write.hash)
+            _write(run, metadata, write, destination, opened.protected, outputs)
+    return run
+
+
+def _write(
+    run: FixRun | MeasuredRun,
+    metadata: Callable[[], Mapping[str, str]],
+    write: OutputOptions,
+    destination: Destination,
+    protected: Sequence[Any],
+    outputs: OutputSet,
+) -> None:
+    """Write all tables of a run and its report."""
+    first = metadata()
+
+    def sink(name: str, target: str) -> Any:
+        if name in destination.sinks:
+            return destination.sinks[name](run.schemas[name])
+        return outputs.take(open_output(target, run.schemas[name], write, protected, first))
+
+    sinks = {name: sink(name, target) for name, target in destination.wanted.items()}
+    with destination.console.progress("track") as progress:
+        write_tables(run.tables(), sinks, metadata, lambda rows: progress(rows, None))
+    write_report(write, run.report.as_dict(), outputs, destination.console)

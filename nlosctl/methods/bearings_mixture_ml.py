@@ -24,6 +24,7 @@ from nlosctl.solvers.mixture.path_groups import restore_rows
 from nlosctl.solvers.mixture.posterior import direct_probability, posterior_covariance
 from nlosctl.solvers.mixture.ranked_estimates import direct_at, rank_modes, ranked_estimates, ranked_flags
 from nlosctl.solvers.optimization.split_batches import solve_parts, split_batch
+from nlosctl.solvers.tracking.path_rows import PathRows
 
 __all__ = ["METHOD", "MixtureOptions", "solve"]
 
@@ -127,6 +128,14 @@ def _direct_rows(
     return position, probability
 
 
+def _path_rows(batch: BearingBatch, options: MixtureOptions) -> PathRows:
+    """Return the rows of a path."""
+    grouped, groups = grouped_batch(batch)
+    model = outlier_model(grouped, groups, options)
+    lines = model.lines
+    return PathRows.mixed(model.mixture, lines.center, groups, lambda *point: lines.residuals(grouped, *point))
+
+
 def _count_outliers(batch: BearingBatch, options: MixtureOptions) -> FloatArray:
     """Return the expected numbers (B, 2) of sensors without a direct row and of sensors."""
     options = _with_proper_density(options)
@@ -162,6 +171,7 @@ METHOD = MethodSpec(
     randomized=True,
     reads=frozenset({"range_m", "range_std_m", "path"}),
     direct_rows=_direct_rows,
+    path_rows=_path_rows,
     dimensions=(2, 3),
     learning=Learning(options=("alpha",), statistics=_count_outliers, update=_next_options),
 )

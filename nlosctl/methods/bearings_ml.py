@@ -21,6 +21,8 @@ from nlosctl.solvers.bearings.line_fits import LineFit, fit_focused, fit_least_s
 from nlosctl.solvers.bearings.multistart import find_optima
 from nlosctl.solvers.bearings.ranked_optima import finish_alternatives
 from nlosctl.solvers.bearings.von_mises import fit_von_mises
+from nlosctl.solvers.tracking.path_rows import PathRows
+from nlosctl.solvers.tracking.trusted_rows import trusted_bearings
 
 __all__ = ["METHOD", "MaximumLikelihoodOptions", "solve"]
 
@@ -149,6 +151,13 @@ def _solve_von_mises(
     )
 
 
+def _path_rows(batch: BearingBatch, options: MaximumLikelihoodOptions) -> PathRows:
+    """Return the rows of a path; raises UsageError for another law of the errors."""
+    if options.law != "gaussian":
+        raise UsageError(f"law={options.law} has no tracks; leave out law={options.law}")
+    return trusted_bearings(batch, use_ranges=options.use_ranges, lognormal=options.range_noise == "lognormal")
+
+
 def _std_columns(options: MaximumLikelihoodOptions) -> tuple[str, ...]:
     return ("std_factor", "std_dof") if options.law == "vonmises" else ()
 
@@ -177,4 +186,5 @@ METHOD = MethodSpec(
     std_fault=_std_fault,
     estimate_columns_with=_std_columns,
     reads=frozenset({"range_m", "range_std_m"}),
+    path_rows=_path_rows,
 )

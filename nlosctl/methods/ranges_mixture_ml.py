@@ -30,6 +30,7 @@ from nlosctl.solvers.mixture.ranked_estimates import (
     ranked_status,
 )
 from nlosctl.solvers.mixture.verdicts import is_uncertain, prefer_feasible_modes
+from nlosctl.solvers.tracking.path_rows import PathRows
 
 __all__ = ["METHOD", "RangeMixtureOptions", "solve"]
 
@@ -166,6 +167,15 @@ def _direct_rows(
     return np.stack(model.circles.absolute(*fixes.best_point), axis=1), restore_rows(direct, groups)
 
 
+def _path_rows(batch: RangeBatch, options: RangeMixtureOptions) -> PathRows:
+    """Return the rows of a path."""
+    _, groups, model = _model(batch, options)
+    circles = model.circles
+    return PathRows.mixed(
+        model.mixture, circles.center, groups, lambda *point: {"residual_m": circles.residual_m(*point)}
+    )
+
+
 def _count_outliers(batch: RangeBatch, options: RangeMixtureOptions) -> FloatArray:
     """Return the sums that `_next_options` needs, of each snapshot."""
     _, model, candidates, modes = _search(batch, options)
@@ -202,6 +212,7 @@ METHOD = MethodSpec(
     randomized=True,
     reads=frozenset({"reflector", "path"}),
     direct_rows=_direct_rows,
+    path_rows=_path_rows,
     dimensions=(2, 3),
     learning=Learning(
         options=("alpha", "bias_mean_m"), statistics=_count_outliers, update=_next_options, refusal=_refusal

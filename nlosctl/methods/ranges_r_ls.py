@@ -10,6 +10,7 @@ from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.models.ranges.spheres import range_rows
 from nlosctl.solvers.ranges.optima import estimate_factors, finish_range_fix, optimize_ranges, with_covariances
+from nlosctl.solvers.tracking.trusted_rows import trusted_ranges
 
 __all__ = ["METHOD", "ML", "RangeLeastSquaresOptions", "solve"]
 
@@ -68,6 +69,7 @@ METHOD = MethodSpec(
     scales_std=True,
     dimensions=(2, 3),
     reads=frozenset({"reflector"}),
+    path_rows=lambda batch, options: trusted_ranges(batch),
 )
 
 ML = replace(METHOD, name="ml", summary="another name of r-ls: the default of localize")

@@ -1,4 +1,4 @@
-"""``nlosctl track`` from estimates: columns, order, statuses, messages."""
+"""``nlosctl track`` from estimates and from measurements: columns, order, statuses, the same bytes, messages."""
 
 from __future__ import annotations
 
@@ -111,3 +111,88 @@ def test_faults_of_the_table(cli: Cli, tmp_path: Path) -> None:
     assert cli("track", "m.csv", "-p", "acceleration_psd=1", "--by", "method", "-o", "m.parquet").code == 0
     (tmp_path / "n.csv").write_text(f"{head}\nml,,1,2,1,0,1\nml,1,2,2,1,0,1\n")
     assert "n.csv, row 1, column 'time_s'" in cli("track", "n.csv", "-p", "acceleration_psd=1").err
+
+
+ANCHORS = ((0.0, 0.0), (40.0, 0.0), (40.0, 30.0), (0.0, 30.0))
+
+
+def write_ranges(folder: Path, name: str = "ranges.csv", *, snapshot: bool = False) -> None:
+    """Ranges of two tags, one after the other, some of them bad or flagged by an earlier step."""
+    rng = np.random.default_rng(2)
+    lines = ["snapshot," * snapshot + "time_s,tag,sensor,sensor_x_m,sensor_y_m,range_m,range_std_m,truth_x_m,truth_y_m"]
+    for k in range(240):
+        second, tag, (x, y) = 0.05 * k, k % 2, ANCHORS[k // 2 % 4]
+        place = 10.0 + 1.2 * second + 8.0 * tag, 12.0 - 0.5 * second + 4.0 * tag
+        length = np.hypot(place[0] - x, place[1] - y) + 0.2 * rng.normal() + (9.0 if k % 17 == 5 else 0.0)
+        head = f"{k // 8}," if snapshot else ""
+        lines.append(f"{head}{second:.2f},t{tag},A{k // 2 % 4},{x},{y},{length:.4f},0.2,{place[0]},{place[1]}")
+    (folder / name).write_text("\n".join([*lines, ""]))
+
+
+WINDOWS = ("--window", "0.4s", "--by", "tag", "-m", "mixture-ml", "-p", "acceleration_psd=0.05")
+
+
+def test_measurements_in_windows_give_a_state_for_each(cli: Cli, tmp_path: Path) -> None:
+    """Rows of two tags become two tracks, with flags in the order of the file and the truth at the mean time."""
+    write_ranges(tmp_path)
+    outcome = cli("track", "ranges.csv", *WINDOWS, "-o", "t.parquet", "--flags-out", "f.parquet")
+    assert outcome.code == 0
+    assert "60 snapshots of ranges, 240 rows" in outcome.err
+    assert "2 tracks; acceleration_psd 0.05 m2/s3, as given" in outcome.err
+    found, flags = pq.read_table(tmp_path / "t.parquet"), pq.read_table(tmp_path / "f.parquet")
+    rows = found.to_pylist()
+    assert {row["snapshot"].split("/")[0] for row in rows} == {"tag-t0", "tag-t1"}
+    off = [np.hypot(row["x_m"] - row["truth_x_m"], row["y_m"] - row["truth_y_m"]) for row in rows]
+    assert np.sqrt(np.mean(np.square(off))) < 0.15
+    assert np.mean([row["vx_m_s"] for row in rows]) == pytest.approx(1.2, abs=0.1)
+    assert flags.column("time_s").to_pylist() == pc.read_csv(tmp_path / "ranges.csv").column("time_s").to_pylist()
+    late = [flags.column("los")[k].as_py() for k in range(240) if k % 17 == 5]
+    assert late == [False] * len(late)
+    score = cli("evaluate", "t.parquet", "--fail-if", "rmse_m>0.15")
+    assert score.code == 0
+
+
+def test_the_bytes_do_not_depend_on_jobs_blocks_or_the_cut(
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Jobs, block and chunk sizes and standard input give the same bytes; the other tag changes nothing."""
+    write_ranges(tmp_path)
+    expected = cli("track", "ranges.csv", *WINDOWS, "-q").out
+    text = (tmp_path / "ranges.csv").read_bytes()
+    for words in (["--jobs", "1"], ["--jobs", "2"], ["--block-size", "7"]):
+        assert cli("track", "ranges.csv", *WINDOWS, "-q", *words).out == expected
+    assert cli("track", "-", *WINDOWS, "-q", stdin=text).out == expected
+    monkeypatch.setenv("NLOSCTL_CHUNK_ROWS", "50")
+    assert cli("track", "ranges.csv", *WINDOWS, "-q", "--jobs", "2").out == expected
+    one = cli("track", "ranges.csv", *WINDOWS, "-q", "--where", "tag == t1").text.splitlines()
+    assert one == [line for line in expected.decode().splitlines() if not line.startswith("tag-t0")]
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (["-m", "sr-ls"], 2, "sr-ls can't track ranges; ml and mixture-ml of bearings and ranges can"),
+        (["-m", "ml", "-m", "mixture-ml"], 2, "--method: a track is found by one method. Got 2."),
+        (["-m", "mixture-ml", "-p", "alpha=estimate"], 2, "alpha=estimate: set a number to track with"),
+        (["--by", "tga"], 1, "no column 'tga' (did you mean 'tag'?)"),
+        (["--by", "tag"], 1, "rows of several tracks by tag (t0, t1)"),
+        (["--window", "2s"], 1, "has a column 'snapshot', so that --window cannot make snapshots"),
+        (["--max-sort-rows", "99"], 1, "more than 99 rows, which a track needs in memory"),
+    ],
+)
+def test_messages_on_measurements(cli: Cli, tmp_path: Path, words: list[str], code: int, message: str) -> None:
+    """Each fault is one clear line with the right exit code."""
+    write_ranges(tmp_path, snapshot=True)
+    outcome = cli("track", "ranges.csv", "-p", "acceleration_psd=1", *words)
+    assert (outcome.code, len(outcome.err.strip().splitlines())) == (code, 1)
+    assert message in outcome.err
+
+
+def test_measurements_without_times_name_both_kinds_of_input(cli: Cli, tmp_path: Path) -> None:
+    """Without a column of times the message names times, measurements and estimates."""
+    write_ranges(tmp_path, snapshot=True)
+    text = (tmp_path / "ranges.csv").read_text()
+    (tmp_path / "ranges.csv").write_text(text.replace("time_s", "second"))
+    err = cli("track", "ranges.csv", "-p", "acceleration_psd=1").err
+    assert "no column 'time_s' or 'time'" in err
+    assert "tracks, of measurements or of estimates (x_m, y_m, cov_xx_m2, ...), need" in err

@@ -16,7 +16,7 @@ from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import METHOD
 from nlosctl.io.measurements.returned_ids import APART
 from nlosctl.io.measurements.row_batch import RowBatch, RowTally
-from nlosctl.io.measurements.row_checks import BadRow, Problem
+from nlosctl.io.measurements.row_checks import TICKS, BadRow, Problem
 from nlosctl.io.readers.base import plain, text_at
 
 __all__ = ["drop_duplicates", "find_duplicates", "refuse_several_methods"]
@@ -96,9 +96,9 @@ def drop_duplicates(batches: Sequence[RowBatch], whole: RowBatch, row_key: Seque
     for index, earlier in list(zip(repeated.tolist(), first.tolist(), strict=True))[: tally.log.wanted()]:
         number = int(np.searchsorted(ends, index, side="right"))
         batch, before = batches[number], batches[int(np.searchsorted(ends, earlier, side="right"))].file
-        same = before == batch.file
+        same, key = before == batch.file, ", ".join(names).replace(TICKS, "time")
         fault = (
-            f"duplicate measurement: same snapshot, {', '.join(names)} as {'' if same else f'{before}, '}"
+            f"duplicate measurement: same snapshot, {key} as {'' if same else f'{before}, '}"
             f"row {whole.rows[earlier]}; {_CURE if same else APART}"
         )
         problem = Problem(

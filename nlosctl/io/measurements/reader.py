@@ -240,7 +240,7 @@ class _Snapshots:
     ) -> None:
         self._input, self._survey, self._tally, self._names = given, survey, tally, names
         self._column = options.columns.get(SNAPSHOT, SNAPSHOT)
-        self._most_rows = options.max_snapshot_rows
+        self._most_rows, self._keeps_times = options.max_snapshot_rows, options.keep_times
         self._index = SnapshotIndex()
         self._pending: list[RowBatch] = []
         self._last: Any = None
@@ -274,7 +274,7 @@ class _Snapshots:
         table = self._survey.table
         if batches[0].file != batches[-1].file:
             self._tally.report.rejoined += rejoined(batches, whole, table.measurement_name or "sensor")
-        key = table.row_key
+        key = (*table.row_key, *([TICKS] if self._keeps_times and table.row_key else []))
         if key and self._survey.one_station:
             from nlosctl.io.measurements.one_station import number_repeats
 
@@ -286,7 +286,7 @@ class _Snapshots:
             table=whole.table,
             snapshot=whole.ids.take(pa.array(whole.starts)),
             offsets=np.append(whole.starts, len(whole)),
-            columns={name: values for name, values in whole.columns.items() if name != TICKS},
+            columns={name: values for name, values in whole.columns.items() if self._keeps_times or name != TICKS},
             left_out=whole.left_out,
             source=self._input.name,
         )

@@ -36,7 +36,7 @@ _NUMBERED = ("method", "target")
 class FixTable:
     """S fixes in the order of the file.
 
-    ``table`` has their rows, ``time_s`` (S,) the times as written, ``elapsed_s`` (S,) those since the first one.
+    ``table`` has their rows, ``time_s`` (S,) the times as written, ``elapsed_s`` (S,) those since the track's first.
     ``position_m`` (S, D) and ``covariance_m2`` (S, D, D) are NaN where unknown. ``key`` (S,) numbers the tracks
     by the columns ``by``; ``further`` is the number of alternatives that were left out.
     """
@@ -117,9 +117,9 @@ def read_fixes(given: Input, by: Sequence[str], timezone: str | None, most_rows:
     best = _best(table)
     further = table.num_rows - int(best.sum())
     rows = np.flatnonzero(best)
-    time_s, elapsed_s = _times(table.take(pa.array(rows)), times, given.name, timezone, rows)
     table = table.take(pa.array(rows)).combine_chunks()
     key, _ = group_codes(table, list(by))
+    time_s, elapsed_s = _times(table, times, given.name, timezone, rows, key)
     _refuse_several(table, by, key, given.name)
     dimension = 3 if has_heights(names) else 2
     position = np.stack([numbers(table.column(name)) for name in POSITION[:dimension]], axis=1)
@@ -163,8 +163,10 @@ def _best(table: Any) -> BoolArray:
     return np.asarray(~(numbers(table.column("alternative")) > 0.0))
 
 
-def _times(table: Any, column: str, file: str, timezone: str | None, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return the times (S,), and those since the first; raise DataError for one that can't be read."""
+def _times(
+    table: Any, column: str, file: str, timezone: str | None, rows: IntArray, key: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the times (S,), and those since the track's first; raise DataError for one that can't be read."""
     faults: list[Fault] = []
     cells = plain(table.column(column).combine_chunks())
     ticks = TimeColumn(column, column, file, timezone).ticks(cells, rows + 1, faults)
@@ -175,10 +177,14 @@ def _times(table: Any, column: str, file: str, timezone: str | None, rows: IntAr
         raise DataError(f"{file}, row {rows[at] + 1}, column {column!r}: {fault.describe(at)}{others}")
     if column == "time_s":
         time_s = numbers(cells)
-        return time_s, time_s - time_s.min()
+        first_s = np.full(int(key.max()) + 1, np.inf)
+        np.minimum.at(first_s, key, time_s)
+        return time_s, time_s - first_s[key]
     per_second = TICKS_PER_SECOND[column]
     whole, rest = np.divmod(ticks, per_second)
-    return whole + rest / per_second, (ticks - ticks.min()) / per_second
+    first = np.full(int(key.max()) + 1, np.iinfo(np.int64).max)
+    np.minimum.at(first, key, ticks)
+    return whole + rest / per_second, (ticks - first[key]) / per_second
 
 
 def _refuse_several(table: Any, by: Sequence[str], key: IntArray, file: str) -> None:

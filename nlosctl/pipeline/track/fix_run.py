@@ -60,11 +60,11 @@ class FixRun:
         """Return everything that determines the results, as plain values."""
         return {"methods": [{"name": "track", "parameters": self._options.as_dict()}], "by": list(self._by)}
 
-    def metadata(self, command: str, *, with_hash: bool) -> dict[str, str]:
+    def metadata(self, *, with_hash: bool) -> dict[str, str]:
         """Return the metadata of the result files."""
         rows = {given.name: table.table.num_rows for given, table in zip(self._inputs, self._tables, strict=True)}
         described = describe_inputs(self._inputs, rows, with_hash=with_hash)
-        return file_metadata(command, {**self.provenance(), "inputs": described}, Scene(frame=self._frame))
+        return file_metadata("track", {**self.provenance(), "inputs": described}, Scene(frame=self._frame))
 
     def tables(self) -> Iterator[ChunkTables]:
         """Yield the states of each input."""

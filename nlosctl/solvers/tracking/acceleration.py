@@ -8,7 +8,7 @@ from math import exp, log, sqrt
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray
+from nlosctl.arrays import FloatArray, IntArray
 
 __all__ = ["DensityEstimate", "close_times", "likeliest_density"]
 
@@ -57,12 +57,15 @@ def likeliest_density(log_evidence: Callable[[float], float], first: float) -> D
     return DensityEstimate(exp(0.5 * (low + high)), True)
 
 
-def close_times(variance_m2: FloatArray, density: float) -> FloatArray:
+def close_times(key: IntArray, variance_m2: FloatArray, density: float) -> FloatArray:
     """Return the times (S,) within which snapshots are one state: too short for the motion to matter in any digit.
 
-    ``variance_m2`` (S,) are those of the positions, NaN where they are not known.
+    ``variance_m2`` (S,) are those of the positions, NaN where they are not known; the median of each track ``key``
+    (S,) counts.
     """
-    known = variance_m2[np.isfinite(variance_m2) & (variance_m2 > 0.0)]
-    if not known.size:
-        return np.zeros(variance_m2.shape)
-    return np.full(variance_m2.shape, np.cbrt(float(np.median(known)) / (_STIFFEST * density)))
+    median = np.zeros(int(key.max(initial=-1)) + 1)
+    known = np.flatnonzero(np.isfinite(variance_m2) & (variance_m2 > 0.0))
+    order = known[np.lexsort((variance_m2[known], key[known]))]
+    keys, first, count = np.unique(key[order], return_index=True, return_counts=True)
+    median[keys] = variance_m2[order[first + count // 2]]
+    return np.asarray(np.cbrt(median / (_STIFFEST * density))[key])

@@ -55,7 +55,7 @@ def track_fixes(
     variance = np.where(usable, np.trace(covariance_m2, axis1=1, axis2=2) / position_m.shape[1], np.nan)
 
     def states(q: float, together: bool = True) -> tuple[States, Motion]:
-        close = close_times(variance, q) if together else np.zeros(key.shape)
+        close = close_times(key, variance, q) if together else np.zeros(key.shape)
         of = order_states(key, time_s, gap_s, close)
         return of, Motion.of(of.within, of.time_s, q)
 

@@ -126,7 +126,7 @@ def finished_path(
     covariance = factors.inverse_blocks()
     known = ~factors.singular
     moving = known.copy()
-    alone = np.bincount(motion.track, minlength=tracks)[motion.track] == 1
+    alone = motion.alone
     if alone.any():
         inverse, sound = guarded_inverse(information[alone][:, :dimension, :dimension])
         covariance[alone] = np.nan
@@ -153,7 +153,7 @@ def _solve(fixes: Fixes, of: States, motion: Motion) -> tuple[FloatArray, BlockT
     diagonal, coupling = motion.blocks(dimension)
     factors = BlockTridiagonal(diagonal + fixes.matrix(of), coupling, motion.within)
     states = np.zeros((motion.within.shape[0], 2 * dimension))
-    alone = np.append(motion.within[1:], 0) + motion.within == 0
+    alone = motion.alone
     if alone.any():
         matrix = fixes.matrix(of)[alone][:, :dimension, :dimension]
         inverse, _ = guarded_inverse(matrix)

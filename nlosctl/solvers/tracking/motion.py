@@ -48,6 +48,12 @@ class Motion:
         return np.append(self.within[1:], 0) > 0
 
     @cached_property
+    def alone(self) -> BoolArray:
+        """Which states (N,) are the only one of their track."""
+        alone: BoolArray = np.logical_and(self.within == 0, ~self.moves)
+        return alone
+
+    @cached_property
     def first(self) -> IntArray:
         """The index of the first state of each track (T,)."""
         return np.flatnonzero(self.within == 0)

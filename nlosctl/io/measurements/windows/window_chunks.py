@@ -128,6 +128,9 @@ class WindowChunks:
             if opposite.any():
                 self._log(piece, np.flatnonzero(opposite), _opposite_fault)
                 return self._chunk(piece.without(opposite), settled, row_key)
+        dropped = _OF_WINDOWS - {TICKS} if self._options.keep_times else _OF_WINDOWS
+        if self._options.keep_times and "time_offset" in kept:
+            kept = {**kept, TICKS: piece.start[piece.window] + np.rint(kept["time_offset"]).astype(np.int64)}
         rows = piece.rows
         left_out = rows.left_out | (leader != np.arange(len(rows)))
         window = piece.window
@@ -136,7 +139,7 @@ class WindowChunks:
             table=rows.table.add_column(0, SNAPSHOT, snapshot.take(pa.array(window))),
             snapshot=snapshot,
             offsets=piece.offsets,
-            columns={name: values for name, values in kept.items() if name not in _OF_WINDOWS},
+            columns={name: values for name, values in kept.items() if name not in dropped},
             left_out=left_out,
             source=self._given.name,
             windows=WindowRows(

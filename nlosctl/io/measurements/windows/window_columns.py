@@ -33,6 +33,7 @@ def columns_of_windows(
             )
     of_scene = scene.time_column and options.window is None
     purpose = "'from' and 'to' of the scene's sensors" if of_scene else "times"
+    purpose = "tracks, of measurements or of estimates (x_m, y_m, cov_xx_m2, ...)," if options.keep_times else purpose
     extra, times = options.extra_columns, time_column(names, file, header, purpose)
     if scene.time_column and scene.time_column != times:
         kinds = {"time": "date-times", "time_s": "numbers"}

@@ -1,0 +1,75 @@
+"""The rows of snapshots as one row each: what the states of a track carry of their measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from nlosctl.arrays import FloatArray, IntArray
+from nlosctl.contract.windows import TICKS_PER_SECOND
+from nlosctl.io.measurements.reader import Chunk
+from nlosctl.io.measurements.row_checks import TICKS
+from nlosctl.io.results.evaluation_arrays import numbers
+
+__all__ = ["mean_ticks", "mean_times", "one_row_each"]
+
+_MEAN = ("truth_x_m", "truth_y_m", "truth_z_m", "truth_lat_deg", "truth_lon_deg")
+
+
+def one_row_each(chunk: Chunk, names: Sequence[str]) -> Chunk:
+    """Return the snapshots of a chunk as one row each, with the columns ``names`` of its table.
+
+    That is the first row, with the mean of the true positions of the rows that take part: those at the mean time.
+    """
+    first = pa.array(chunk.offsets[:-1])
+    columns = {name: chunk.table.column(name).take(first) for name in names}
+    for name in set(_MEAN) & columns.keys():
+        columns[name] = _means(numbers(chunk.table.column(name)), columns[name], chunk)
+    return Chunk(
+        table=pa.table(columns),
+        snapshot=chunk.snapshot,
+        offsets=np.arange(len(chunk.snapshot) + 1),
+        columns={},
+        left_out=np.zeros(len(chunk.snapshot), dtype=np.bool_),
+        source=chunk.source,
+    )
+
+
+def _means(values: FloatArray, first: Any, chunk: Chunk) -> Any:
+    """Return the means of the values (N,) of rows that take part, the first value where all are alike."""
+    starts = chunk.offsets[:-1]
+    least, most = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
+    if not (least < most).any():
+        return first
+    weight = _weights(chunk)
+    mean = np.add.reduceat(weight * values, starts) / np.add.reduceat(weight, starts)
+    chosen = np.where(least < most, mean, values[starts])
+    return pa.array(chosen, pa.float64(), mask=np.isnan(chosen))
+
+
+def _weights(chunk: Chunk) -> FloatArray:
+    """Return 1 for the rows (N,) that take part, of a snapshot without any for all."""
+    part = ~chunk.left_out
+    some = np.add.reduceat(part, chunk.offsets[:-1], dtype=np.int64) > 0
+    return (part | ~np.repeat(some, np.diff(chunk.offsets))).astype(np.float64)
+
+
+def mean_ticks(chunk: Chunk) -> tuple[IntArray, FloatArray]:
+    """Return the first time (S,) of each snapshot in ticks, and the mean (S,) of the rows that take part after it."""
+    ticks, starts = chunk.columns[TICKS], chunk.offsets[:-1]
+    first = np.minimum.reduceat(ticks, starts)
+    weight = _weights(chunk)
+    after = weight * (ticks - np.repeat(first, np.diff(chunk.offsets)))
+    return first, np.add.reduceat(after, starts) / np.add.reduceat(weight, starts)
+
+
+def mean_times(chunk: Chunk, column: str) -> FloatArray:
+    """Return the mean time (S,) in seconds of the rows of each snapshot that take part."""
+    if chunk.windows is not None:
+        return chunk.windows.time_s
+    first, mean = mean_ticks(chunk)
+    whole, rest = np.divmod(first, TICKS_PER_SECOND[column])
+    return np.asarray(whole + (rest + mean) / TICKS_PER_SECOND[column])

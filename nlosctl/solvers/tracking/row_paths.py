@@ -1,0 +1,111 @@
+"""Tracks through measurements: states, searches, and the density of the acceleration where it is not given."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlosctl.arrays import BoolArray, FloatArray, IntArray
+from nlosctl.solvers.tracking.acceleration import DensityEstimate, close_times, likeliest_density
+from nlosctl.solvers.tracking.fix_paths import track_origins
+from nlosctl.solvers.tracking.fixes import Fixes
+from nlosctl.solvers.tracking.measured_paths import FoundPaths, MeasuredTracks, RowsAtStates, find_paths
+from nlosctl.solvers.tracking.motion import Motion
+from nlosctl.solvers.tracking.path_rows import PathRows
+from nlosctl.solvers.tracking.starts import best_paths
+from nlosctl.solvers.tracking.states import States, at_offset, order_states
+
+__all__ = ["RowPaths", "SnapshotRows", "TrackedRows", "track_rows"]
+
+
+@dataclass(frozen=True)
+class SnapshotRows:
+    """Rows (B, K) of the snapshots ``snapshot`` (B,), at the times ``time_s`` (B, K) in the order of the rows."""
+
+    rows: PathRows
+    snapshot: IntArray
+    time_s: FloatArray
+
+
+@dataclass(frozen=True)
+class TrackedRows:
+    """S snapshots of tracks ``key`` (S,) at mean times (S,), with their blocks of rows and the fixes (S, D) of each.
+
+    A gap longer than ``gap_s`` begins a new track.
+    """
+
+    key: IntArray
+    time_s: FloatArray
+    blocks: Sequence[SnapshotRows]
+    fix_m: FloatArray
+    fix_m2: FloatArray
+    gap_s: float
+    is_mixture: bool
+
+
+@dataclass(frozen=True)
+class RowPaths:
+    """Paths of measured tracks: states (S, 2D) of snapshots about ``origin_m`` (S, D), covariances (S, 2D, 2D).
+
+    ``at`` are the blocks of rows at the ``states`` (N, 2D) of ``of``.
+    """
+
+    states: FloatArray
+    covariance: FloatArray
+    origin_m: FloatArray
+    known: BoolArray
+    moving: BoolArray
+    settled: BoolArray
+    of: States
+    at: Sequence[RowsAtStates]
+    path: FloatArray
+    tracks: int
+    density: DensityEstimate
+
+
+def track_rows(tracked: TrackedRows, density: float | None) -> RowPaths:
+    """Return the likeliest paths; ``density`` None is estimated from all tracks together."""
+    dimension = tracked.fix_m.shape[1]
+    known = Fixes.of(tracked.fix_m, tracked.fix_m2).known
+    origin = track_origins(tracked.key, np.where(known[:, None], tracked.fix_m, np.nan))
+    fixes = Fixes.of(tracked.fix_m - origin, tracked.fix_m2)
+    variance = np.where(known, np.trace(tracked.fix_m2, axis1=1, axis2=2) / dimension, np.nan)
+    last: list[FloatArray] = []
+
+    def tracks_at(q: float) -> tuple[States, MeasuredTracks]:
+        of = order_states(tracked.key, tracked.time_s, tracked.gap_s, close_times(tracked.key, variance, q))
+        at = [
+            RowsAtStates(
+                block.rows,
+                of.of_snapshot[block.snapshot],
+                origin[block.snapshot],
+                block.time_s - of.time_s[of.of_snapshot[block.snapshot]][:, None],
+            )
+            for block in tracked.blocks
+        ]
+        return of, MeasuredTracks(at, Motion.of(of.within, of.time_s, q), dimension)
+
+    def search(q: float) -> tuple[States, MeasuredTracks, FoundPaths]:
+        of, tracks = tracks_at(q)
+        if last and last[-1].shape[0] == of.within.shape[0]:
+            found = find_paths(tracks, last[-1])
+        else:
+            found = best_paths(tracks, fixes, of, is_mixture=tracked.is_mixture)
+        last[:] = [found.path.states]
+        return of, tracks, found
+
+    def log_evidence(q: float) -> float:
+        return float(search(q)[2].path.log_evidence.sum())
+
+    chosen = likeliest_density(log_evidence, 1.0) if density is None else DensityEstimate(density, True)
+    last.clear()
+    of, tracks, found = search(chosen.density)
+    at, path = of.of_snapshot, found.path
+    states, covariance = at_offset(path.states[at], path.covariance[at], of.offset_s)
+    settled = found.settled[tracks.motion.track]
+    return RowPaths(
+        states, covariance, origin, path.known[at], path.moving[at], settled[at], of, tracks.blocks, path.states,
+        tracks.motion.first.shape[0], chosen,
+    )  # fmt: skip
