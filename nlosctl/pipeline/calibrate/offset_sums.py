@@ -19,7 +19,7 @@ from nlosctl.geometry.blocks import max_measurements, sum_measurements
 from nlosctl.geometry.exact_sums import ExactSums
 from nlosctl.io.measurements.completion.calibrated_rows import calibrated_columns
 from nlosctl.io.measurements.completion.references import FORM, Form
-from nlosctl.io.measurements.completion.sensor_keys import group_texts, sensor_keys
+from nlosctl.io.measurements.completion.sensor_keys import group_texts, numbered, sensor_keys
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.models.scaled_residuals import SCALED_RESIDUALS, height_residual
 from nlosctl.models.sight import has_geodesics
@@ -173,7 +173,7 @@ def _add(sums: ExactSums, equations: OffsetEquations, codes: IntArray, keys: Seq
     later, earlier = row_pairs(codes.shape[1])
     one, other = codes[:, later], codes[:, earlier]
     twice = np.where((one == other) & (later != earlier), 2.0, 1.0)
-    pairs, index = np.unique(np.maximum(one, other) * len(keys) + np.minimum(one, other), return_inverse=True)
+    pairs, index = numbered(np.maximum(one, other) * len(keys) + np.minimum(one, other), len(keys) ** 2)
     names = [(PAIR, *sorted((keys[pair // len(keys)], keys[pair % len(keys)]))) for pair in pairs.tolist()]
     sums.add_groups(names, index.ravel(), (twice * equations.information).reshape(-1, 1))
 

@@ -11,7 +11,10 @@ from nlosctl.io.measurements.column_mapping import NameCodes
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.readers.base import plain
 
-__all__ = ["group_texts", "sensor_keys", "sensor_texts"]
+__all__ = ["group_texts", "numbered", "sensor_keys", "sensor_texts"]
+
+_MOST_CODES = 1 << 22
+"""Codes below this are numbered by a table, larger ones by sorting."""
 
 
 def sensor_texts(chunk: Chunk, of: str = "sensor") -> tuple[IntArray, list[str]]:
@@ -52,6 +55,17 @@ def _paired(
     codes: IntArray, keys: Sequence[tuple[str, ...]], other: IntArray, further: Sequence[str | tuple[str, ...]]
 ) -> tuple[IntArray, list[tuple[str, ...]]]:
     """Return codes (N,) of the pairs of two codes that occur, and their keys."""
-    pairs, together = np.unique(codes % len(keys) * len(further) + other % len(further), return_inverse=True)
+    pair = codes % len(keys) * len(further) + other % len(further)
+    pairs, together = numbered(pair, len(keys) * len(further))
     ends = [(text,) if isinstance(text, str) else text for text in further]
-    return together.ravel(), [keys[pair // len(further)] + ends[pair % len(further)] for pair in pairs.tolist()]
+    return together, [keys[pair // len(further)] + ends[pair % len(further)] for pair in pairs.tolist()]
+
+
+def numbered(codes: IntArray, count: int) -> tuple[IntArray, IntArray]:
+    """Return the codes (n,) that occur in an array of codes below ``count``, rising, and the index of each of those."""
+    if count > _MOST_CODES:
+        found, index = np.unique(codes, return_inverse=True)
+        return found, index.reshape(codes.shape)
+    occurs = np.zeros(count, dtype=bool)
+    occurs[codes] = True
+    return np.flatnonzero(occurs), (np.cumsum(occurs) - 1)[codes]
