@@ -8,6 +8,7 @@ from calibration_worlds import NAMES, ROOM, STDS, joint_fit, rows, session
 
 import nlosctl
 from nlosctl.errors import DataError, UsageError
+from nlosctl.geometry.earth_centred import local_axes, to_earth_centred, to_geodetic
 
 KINDS = [("arrivals", 2), ("arrivals", 3), ("bearings", 3), ("ranges", 3)]
 
@@ -115,6 +116,62 @@ def test_heights_of_the_source_enter_the_elimination(kind, std) -> None:
     stds = np.sqrt(np.diag(expected_covariance))
     np.testing.assert_allclose((found - expected) / stds, 0.0, atol=0.03)
     np.testing.assert_allclose(covariance / np.outer(stds, stds), expected_covariance / np.outer(stds, stds), atol=0.03)
+
+
+def test_rows_without_an_elevation_give_their_azimuth() -> None:
+    """Offsets are those of a dense fit also where single elevations are empty, in degrees of freedom too."""
+    table, _ = world("bearings", 3, 15, seed=13)
+    table["elevation_rad"][np.random.default_rng(2).random(105) < 0.3] = np.nan
+    found, covariance, scale = offsets(calibrated(table))
+    expected, expected_covariance = joint_fit("bearings", table, scale, found)
+    stds = np.sqrt(np.diag(expected_covariance))
+    np.testing.assert_allclose((found - expected) / stds, 0.0, atol=0.02)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), stds, rtol=0.02)
+
+
+@pytest.mark.parametrize("kind", ["bearings", "ranges", "arrivals"])
+@pytest.mark.parametrize("truth", [None, "columns"])
+def test_exact_heights_with_the_mixture(kind, truth) -> None:
+    """With outliers, and the height held, offsets are within a few stds of the true ones, known positions or not."""
+    table, given = world(kind, 3, 60, seed=14, outliers=0.1)
+    given = given - given.mean() if kind == "arrivals" else given
+    heights = {"target_z_m": table["truth_z_m"], "target_z_std_m": np.zeros(420)}
+    found, covariance, _ = offsets(calibrated({**table, **heights}, method="mixture-ml", truth=truth))
+    assert (np.abs(found - given) / np.sqrt(np.diag(covariance))).max() < 5.0
+    assert np.sqrt(np.diag(covariance)).max() < STDS[kind]
+
+
+def on_earth(table):
+    """Return a table with its places as latitudes, longitudes and heights, by local axes at 48 N, 11 E."""
+    origin = tuple(map(np.float64, to_earth_centred(np.radians(48.0), np.radians(11.0), 500.0)))
+    axes = local_axes(np.radians(np.array([48.0])), np.radians(np.array([11.0])))[0]
+    place = np.stack([table[f"sensor_{axis}_m"] for axis in "xyz"], axis=1) @ axes + origin
+    latitude, longitude, height = to_geodetic(*place.T)
+    kept = {name: values for name, values in table.items() if not name.startswith(("sensor_", "truth_"))}
+    degrees = {"sensor_lat_deg": np.degrees(latitude), "sensor_lon_deg": np.degrees(longitude)}
+    return {**kept, **degrees, "sensor_height_m": height}
+
+
+@pytest.mark.parametrize("kind", ["ranges", "arrivals"])
+def test_places_on_earth_give_the_offsets_of_local_metres(kind) -> None:
+    """In three dimensions offsets don't depend on the frame; known positions are refused there."""
+    table, _ = world(kind, 3, 12, seed=15)
+    expected, covariance, _ = offsets(calibrated(table))
+    found, _, _ = offsets(nlosctl.calibrate(on_earth(table), dimensions=3))
+    np.testing.assert_allclose(found, expected, atol=0.02 * np.sqrt(np.diag(covariance)).min())
+    truth = {name: table[name] for name in ("snapshot", "truth_x_m", "truth_y_m", "truth_z_m")}
+    with pytest.raises(UsageError, match="`truth` is not for places on earth in three dimensions"):
+        nlosctl.calibrate(on_earth(table), dimensions=3, truth=truth)
+
+
+def test_azimuths_of_geodesics_are_refused() -> None:
+    """Azimuths alone on the ground are not calibrated in three dimensions; the message names the cure."""
+    table, _ = world("bearings", 3, 5, seed=16)
+    azimuths = {name: values for name, values in on_earth(table).items() if not name.startswith("elevation")}
+    with pytest.raises(
+        UsageError, match="not for azimuths of geodesics or heights above a sphere; set `dimensions` to 2"
+    ):
+        nlosctl.calibrate({**azimuths, "target_height_m": np.zeros(35)}, dimensions=3)
 
 
 def statistics(kind, dimension, sessions, snapshots=30):

@@ -112,7 +112,7 @@ def joint_fit(
         errors = [table[name] - predicted[0] - state[sensor] - (point[:, -1] if own else 0.0)]
         errors += [table["elevation_rad"] - part for part in predicted[1:]]
         if kind == "bearings":
-            errors = [np.arctan2(np.sin(part), np.cos(part)) for part in errors]
+            errors = [np.nan_to_num(np.arctan2(np.sin(part), np.cos(part))) for part in errors]
         scaled = [part / std for part, std in zip(errors, stds, strict=True)]
         if height is not None:
             scaled.append((height[0] - state[count:].reshape(unknowns.shape)[:, 2]) / height[1])

@@ -79,7 +79,8 @@ class Misfit(RowBlock):
 
 def direct_at(mixture: Mixture, center: Point, position_m: FloatArray) -> FloatArray:
     """Return each row's probability (B, K) to be direct at known positions (B, D); ``center`` are the local origins."""
-    point = (part - middle for part, middle in zip(position_m.T, center, strict=False))
+    unknown = position_m.T[: mixture.dimension]  # without a height that is exactly known
+    point = (part - middle for part, middle in zip(unknown, center, strict=False))
     return mixture.responsibilities(*point)[0]
 
 
