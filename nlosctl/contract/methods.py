@@ -64,9 +64,11 @@ class MethodSpec:
     options, known_m)`` of a robust method returns the likeliest position (B, D), or the known one, and the probability
     (B, K) of each row to be direct there, NaN without a position: the weights of its residuals for unknown standard
     deviations and offsets. ``path_rows(batch, options)`` is how the rows enter the likelihood of a path, each at a
-    position of its own (`nlosctl.solvers.tracking.path_rows`); None: the method can't track. ``contract_version`` is
-    the version of this contract that a plugin was written for; built-in methods leave it out. ``solve(batch,
-    options)`` is pure: it changes nothing and draws only from ``batch.seed``.
+    position of its own (`nlosctl.solvers.tracking.path_rows`); None: the method can't track. ``line_rows(batch,
+    options)`` of a weighted linear fit returns its `nlosctl.solvers.bearings.line_fits.WeightedLines`, None where it
+    has none, for weights of rows that share errors. ``contract_version`` is the version of this contract that a plugin
+    was written for; built-in methods leave it out. ``solve(batch, options)`` is pure: it changes nothing and draws only
+    from ``batch.seed``.
     """
 
     name: str
@@ -98,6 +100,7 @@ class MethodSpec:
     std_fault: Callable[[Any, str], str] | None = None
     direct_rows: Callable[..., tuple[FloatArray, FloatArray]] | None = None
     path_rows: Callable[[Any, Any], Any] | None = None
+    line_rows: Callable[..., Any] | None = None
     contract_version: int | None = None
 
     def flag_columns(

@@ -33,7 +33,9 @@ _ON_ELLIPSOID = "ellipsoid"
 @dataclass(frozen=True, kw_only=True)
 class Sensor:
     """A sensor at ``position`` (x, y in metres); ``heading_deg`` is its boresight, clockwise from +y.
-    ``heading_std_deg`` is the standard deviation of the heading, which adds to that of relative directions.
+
+    What is not exactly known has a standard deviation, of an error that all its measurements share: each coordinate of
+    the position, the heading, and by how much ranges and arrivals are too long; None is exactly known.
 
     ``z_m`` is its height, which all sensors of a scene have, or none. The entry is valid from ``start`` up to, not
     including, ``end``: moments with an offset, or seconds of ``time_s``; None is without limit.
@@ -43,9 +45,18 @@ class Sensor:
     position: tuple[float, float]
     heading_deg: float | None = None
     heading_std_deg: float | None = None
+    position_std_m: float | None = None
+    range_offset_std_m: float | None = None
+    arrival_offset_std_m: float | None = None
     z_m: float | None = None
     start: datetime | float | None = None
     end: datetime | float | None = None
+
+    @property
+    def is_uncertain(self) -> bool:
+        """Whether anything of it is not exactly known."""
+        stds = (self.heading_std_deg, self.position_std_m, self.range_offset_std_m, self.arrival_offset_std_m)
+        return any(stds)
 
     @property
     def limits(self) -> list[datetime | float]:
@@ -55,23 +66,41 @@ class Sensor:
 
 @dataclass(frozen=True, kw_only=True)
 class LineReflector:
-    """An infinite mirror through ``point`` (metres) along ``direction`` (any length, not zero); vertical in space."""
+    """An infinite mirror through ``point`` (metres) along ``direction`` (any length, not zero); vertical in space.
+
+    ``offset_std_m`` is the standard deviation of its place along its normal, ``direction_std_deg`` that of its
+    direction about ``point``; None is exactly known.
+    """
 
     name: str
     point: tuple[float, float]
     direction: tuple[float, float]
+    offset_std_m: float | None = None
+    direction_std_deg: float | None = None
+
+    @property
+    def is_uncertain(self) -> bool:
+        """Whether anything of it is not exactly known."""
+        return bool(self.offset_std_m or self.direction_std_deg)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentReflector:
     """A finite wall from ``start`` to ``end`` (metres, not equal): it reflects, and blocks paths across it.
 
-    In space it is vertical and of any height.
+    In space it is vertical and of any height. Standard deviations are those of `LineReflector`, about ``start``.
     """
 
     name: str
     start: tuple[float, float]
     end: tuple[float, float]
+    offset_std_m: float | None = None
+    direction_std_deg: float | None = None
+
+    @property
+    def is_uncertain(self) -> bool:
+        """Whether anything of it is not exactly known."""
+        return bool(self.offset_std_m or self.direction_std_deg)
 
     @property
     def point(self) -> tuple[float, float]:
@@ -90,7 +119,8 @@ class CircleReflector:
 
     ``blocker_radius`` is an opaque concentric circle (as the earth in the ionosphere), which no wave crosses.
     ``min_elevation_deg`` is the least elevation above the sensor's horizontal at which a path is received (to avoid
-    ground clutter); without it the blocker's horizon is the limit.
+    ground clutter); without it the blocker's horizon is the limit. ``radius_std_m`` is the standard deviation of the
+    radius, None: it is exactly known.
     """
 
     name: str
@@ -98,15 +128,32 @@ class CircleReflector:
     radius: float
     blocker_radius: float | None = None
     min_elevation_deg: float | None = None
+    radius_std_m: float | None = None
+
+    @property
+    def is_uncertain(self) -> bool:
+        """Whether anything of it is not exactly known."""
+        return bool(self.radius_std_m)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlaneReflector:
-    """A mirror in space through ``point`` (metres) across ``normal`` (any length, not zero)."""
+    """A mirror in space through ``point`` (metres) across ``normal`` (any length, not zero).
+
+    ``offset_std_m`` is the standard deviation of its place along its normal, ``direction_std_deg`` that of its turn
+    about ``point``, about either of two axes in it; None is exactly known.
+    """
 
     name: str
     point: tuple[float, float, float]
     normal: tuple[float, float, float]
+    offset_std_m: float | None = None
+    direction_std_deg: float | None = None
+
+    @property
+    def is_uncertain(self) -> bool:
+        """Whether anything of it is not exactly known."""
+        return bool(self.offset_std_m or self.direction_std_deg)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,6 +168,12 @@ class SphereReflector:
     radius: float
     blocker_radius: float | None = None
     min_elevation_deg: float | None = None
+    radius_std_m: float | None = None
+
+    @property
+    def is_uncertain(self) -> bool:
+        """Whether anything of it is not exactly known."""
+        return bool(self.radius_std_m)
 
 
 Reflector = LineReflector | SegmentReflector | CircleReflector | PlaneReflector | SphereReflector
@@ -189,6 +242,11 @@ class Scene:
     sensors: tuple[Sensor, ...] = ()
     reflectors: tuple[Reflector, ...] = field(default=())
     frame: EarthFrame | None = None
+
+    @property
+    def is_uncertain(self) -> bool:
+        """Whether a sensor or a reflector is not exactly known."""
+        return any(part.is_uncertain for part in (*self.sensors, *self.reflectors))
 
     @property
     def has_heights(self) -> bool:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
-from nlosctl.models.sight import linear_lines
+from nlosctl.models.sight import Sight, linear_lines
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
 from nlosctl.solvers.bearings.line_fits import (
+    LineFit,
+    WeightedLines,
     fit_least_squares,
     fit_weighted,
     inflated_sandwich,
@@ -51,10 +54,7 @@ def solve_focused(batch: BearingBatch, options: StansfieldOptions) -> Solution:
 
 def _solve(batch: BearingBatch, options: StansfieldOptions, *, focused: bool) -> Solution:
     """Solve a batch by a weighted fit of the lines, whose errors grow with their widths at the least-squares fix."""
-    lines = linear_lines(batch)
-    first = fit_least_squares(lines)
-    lines = with_independent_errors(lines, first)
-    weighed_m = (lines.tube_width_m if focused else lines.stansfield_width_m)(*first.point)
+    lines, first, weighed_m = _weighted(batch, focused=focused)
     fit = fit_weighted(lines, weighed_m)
     return finish_bearings_fix(
         batch,
@@ -66,6 +66,22 @@ def _solve(batch: BearingBatch, options: StansfieldOptions, *, focused: bool) ->
         min_range_m=options.min_range_m,
         at_optimum=focused or not batch.scene.has_circles,
     )
+
+
+def _weighted(batch: BearingBatch, *, focused: bool) -> tuple[Sight, LineFit, FloatArray]:
+    """Return the lines, their least-squares fix, and their widths (B, M) there."""
+    lines = linear_lines(batch)
+    first = fit_least_squares(lines)
+    lines = with_independent_errors(lines, first)
+    return lines, first, (lines.tube_width_m if focused else lines.stansfield_width_m)(*first.point)
+
+
+def _line_rows(batch: BearingBatch, options: StansfieldOptions) -> WeightedLines | None:
+    return WeightedLines.of(*_weighted(batch, focused=False))
+
+
+def _focused_line_rows(batch: BearingBatch, options: StansfieldOptions) -> WeightedLines | None:
+    return WeightedLines.of(*_weighted(batch, focused=True))
 
 
 METHOD = MethodSpec(
@@ -81,6 +97,7 @@ METHOD = MethodSpec(
     flags=("residual_rad", "residual_elevation_rad", "residual_m", "under_horizon"),
     flags_needing={"residual_m": "range_m", "residual_elevation_rad": "elevation_rad"},
     scales_std=True,
+    line_rows=_line_rows,
     dimensions=(2, 3),
 )
 
@@ -90,6 +107,7 @@ FOCUSED = replace(
     summary="Stansfield with the focusing of circular reflectors: lines weighted by std and ray-tube spread",
     reference="Song, Willett, Zhou 2013, equations (10)-(15), (41)-(45), with the spread of a concave mirror",
     solve=solve_focused,
+    line_rows=_focused_line_rows,
     cost="half the chi-square of the bearing residuals",
     dimensions=(2,),
 )

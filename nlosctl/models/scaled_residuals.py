@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +15,7 @@ from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.arrivals import arrival_rows
 from nlosctl.models.bearings import SightLines
-from nlosctl.models.measured_height import GroundHeight
+from nlosctl.models.measured_height import GroundHeight, TargetHeight
 from nlosctl.models.ranges.spheres import range_rows
 from nlosctl.models.sight import bearing_lines
 from nlosctl.models.space.lines import SpaceLines
@@ -29,13 +29,14 @@ class ScaledResiduals:
 
     The derivatives are by the coordinates of the position that are not known, and of arrivals by the offset, the last.
     ``per_offset`` (B, K) is the derivative by the offset of the row's sensor, by which its measurement is too large;
-    None for scalars that an offset does not change.
+    None for scalars that an offset does not change. ``of_rows`` is false for a measured height (B, 1), which is no row.
     """
 
     residual: FloatArray
     slopes: tuple[FloatArray, ...]
     measured: FloatArray
     per_offset: FloatArray | None = None
+    of_rows: bool = True
 
     @classmethod
     def of(cls, residual: FloatArray, *slopes: FloatArray, per_offset: FloatArray | None = None) -> ScaledResiduals:
@@ -50,11 +51,13 @@ class ScaledResiduals:
         return replace(self, slopes=self.slopes[coordinates:])
 
 
-def _bearings(batch: BearingBatch, position_m: FloatArray, *, with_ranges: bool) -> tuple[ScaledResiduals, ...]:
+def _bearings(
+    batch: BearingBatch, position_m: FloatArray, *, with_ranges: bool, with_height: bool = False
+) -> tuple[ScaledResiduals, ...]:
     lines = bearing_lines(batch)
     ranges = (batch.range_m, batch.range_std_m) if with_ranges else (None, None)
     if isinstance(lines, SpaceLines):
-        return _directions(lines, position_m, *ranges)
+        return _directions(lines, position_m, *ranges, with_height=with_height)
     if not isinstance(lines, SightLines):
         raise UsageError("`estimate_std` of sensors is not for azimuths of geodesics; set it to snapshot or file")
     x, y = position_m[:, 0] - lines.center_x, position_m[:, 1] - lines.center_y
@@ -72,15 +75,23 @@ def _bearings(batch: BearingBatch, position_m: FloatArray, *, with_ranges: bool)
 
 
 def _directions(
-    lines: SpaceLines, position_m: FloatArray, range_m: FloatArray | None, range_std_m: FloatArray | None
+    lines: SpaceLines,
+    position_m: FloatArray,
+    range_m: FloatArray | None,
+    range_std_m: FloatArray | None,
+    *,
+    with_height: bool,
 ) -> tuple[ScaledResiduals, ...]:
-    """Return azimuths, elevations and, if given, ranges (B, K); raises UsageError for heights above a sphere."""
+    """Return azimuths, elevations and, if given, ranges (B, K), and any measured height (B, 1) if wanted.
+
+    Raises UsageError for heights above a sphere where they are not wanted.
+    """
     measured = [np.ones(lines.angles.has_elevation.shape), lines.angles.has_elevation]
     if range_m is not None and range_std_m is not None:
         known = np.isfinite(range_m) & np.isfinite(range_std_m)
         lines = lines.with_ranges(np.where(known, range_m, np.nan), range_std_m, lognormal=False)
         measured.append(known.astype(np.float64))
-    if isinstance(lines.height, GroundHeight):
+    if isinstance(lines.height, GroundHeight) and not with_height:
         raise UsageError("`estimate_std` of sensors is not for heights above a sphere; set it to snapshot or file")
     point = [position_m[:, axis] - lines.center[axis] for axis in range(lines.unknowns)]
     with ignoring_division():
@@ -91,10 +102,20 @@ def _directions(
         per_offset = None if number else -lines.angles.turned() / lines.std[:, of]
         scalar = ScaledResiduals.of(residual[:, of], *(slope[:, of] for slope in slopes), per_offset=per_offset)
         scalars.append(replace(scalar, measured=scalar.measured * has))
-    return tuple(scalars)
+    return (*scalars, *_height(lines.height, point, wanted=with_height))
 
 
-def _ranges(batch: RangeBatch, position_m: FloatArray, *, with_ranges: bool) -> tuple[ScaledResiduals, ...]:
+def _height(height: TargetHeight | None, point: Sequence[FloatArray], *, wanted: bool) -> tuple[ScaledResiduals, ...]:
+    """Return the scalar (B, 1) of a measured height at points about the local origins, if there is one."""
+    if height is None or not wanted:
+        return ()
+    slopes = (slope[:, None] for slope in height.scaled_slopes(*point))
+    return (replace(ScaledResiduals.of(height.scaled_residual(*point)[:, None], *slopes), of_rows=False),)
+
+
+def _ranges(
+    batch: RangeBatch, position_m: FloatArray, *, with_ranges: bool, with_height: bool = False
+) -> tuple[ScaledResiduals, ...]:
     rows = range_rows(batch)
     point = [position_m[:, axis] - middle for axis, middle in enumerate(rows.center)]
     slopes = np.empty((len(point), *rows.std_m.shape), order="F")
@@ -103,17 +124,26 @@ def _ranges(batch: RangeBatch, position_m: FloatArray, *, with_ranges: bool) -> 
             for slope, along in zip(slopes, rows.path(k, *point).along, strict=True):
                 slope[:, k] = -along
         residual, per_offset = rows.residual_m(*point) / rows.std_m, -1.0 / rows.std_m
-        return (ScaledResiduals.of(residual, *(slopes / rows.std_m), per_offset=per_offset),)
+        scalars = ScaledResiduals.of(residual, *(slopes / rows.std_m), per_offset=per_offset)
+    return (scalars, *_height(rows.level, point, wanted=with_height))
 
 
-def _arrivals(batch: ArrivalBatch, position_m: FloatArray, *, with_ranges: bool) -> tuple[ScaledResiduals, ...]:
+def _arrivals(
+    batch: ArrivalBatch, position_m: FloatArray, *, with_ranges: bool, with_height: bool = False
+) -> tuple[ScaledResiduals, ...]:
     rows = arrival_rows(batch)
-    at = rows.compare(*(position_m[:, axis] - middle for axis, middle in enumerate(rows.center)))
-    if rows.of_pairs:
-        return (ScaledResiduals.of(at.residual, *at.slopes),)
+    point = [position_m[:, axis] - middle for axis, middle in enumerate(rows.center)]
+    at = rows.compare(*point)
     inverse = 1.0 / rows.std_m
+    if rows.of_pairs:
+        scalars = ScaledResiduals.of(at.residual, *at.slopes)
+        return (scalars, *_height(rows.level, point, wanted=with_height))
     slopes = (*(-part * inverse for part in at.along), -inverse)
-    return (ScaledResiduals.of(at.residual, *slopes, per_offset=-inverse),)
+    height = tuple(
+        replace(part, slopes=(*part.slopes, np.zeros(part.residual.shape)))
+        for part in _height(rows.level, point, wanted=with_height)
+    )
+    return (ScaledResiduals.of(at.residual, *slopes, per_offset=-inverse), *height)
 
 
 SCALED_RESIDUALS: dict[str, Callable[..., tuple[ScaledResiduals, ...]]] = {
@@ -123,7 +153,8 @@ SCALED_RESIDUALS: dict[str, Callable[..., tuple[ScaledResiduals, ...]]] = {
 }
 """By kind: ``(batch, position_m (B, D), with_ranges=...)`` to the scalars of its rows, a block for each kind.
 
-The offset of arrivals is the likeliest at the position; independent differences have none.
+The offset of arrivals is the likeliest at the position; independent differences have none. With ``with_height=True``
+a measured height of the target is one more scalar (B, 1), the last.
 """
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, Self, TypeAlias
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
-from nlosctl.contract.batches import BearingBatch
+from nlosctl.contract.batches import Batch, BearingBatch
 from nlosctl.errors import UsageError
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.measured_height import GroundHeight
@@ -19,8 +19,10 @@ Expansion: TypeAlias = tuple[FloatArray, tuple[FloatArray, ...], SymmetricMatrix
 what the second derivatives of their residuals add to these; None where that is left out."""
 
 
-def has_geodesics(batch: BearingBatch) -> bool:
+def has_geodesics(batch: Batch) -> bool:
     """Return whether all that a batch has is azimuths of geodesics on the earth."""
+    if not isinstance(batch, BearingBatch):
+        return False
     return batch.dimension == 3 and batch.sensor_frame is not None and batch.elevation_rad is None
 
 

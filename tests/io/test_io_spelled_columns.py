@@ -174,7 +174,10 @@ def test_vectors_without_a_direction_are_bad_rows(tmp_path: Path) -> None:
 def test_bearings_relative_to_a_heading(
     tmp_path: Path, relative: float, heading: float, std: float | None, sense: str, unit: str, in_scene: bool
 ) -> None:
-    """A compass azimuth is the heading plus the clockwise angle; the variances of both add."""
+    """A compass azimuth is the heading plus the clockwise angle; the variance of a row's heading adds to its own.
+
+    That of a heading in the scene is an error that all bearings of the sensor share.
+    """
     azimuth_deg = heading + (-relative if sense else relative)
     given = relative if unit == "deg" else math.radians(relative)
     table = bearings(**{f"relative_bearing{sense}_{unit}": [given]})
@@ -189,7 +192,9 @@ def test_bearings_relative_to_a_heading(
     direction = complex(math.cos(found["bearing_rad"][0]), math.sin(found["bearing_rad"][0]))
     expected = complex(math.sin(math.radians(azimuth_deg)), math.cos(math.radians(azimuth_deg)))
     assert direction == pytest.approx(expected, abs=1e-12)
-    assert found["bearing_std_rad"][0] == pytest.approx(math.sqrt(0.01**2 + math.radians(std or 0.0) ** 2), rel=1e-12)
+    own, shared = (0.0, std) if in_scene else (std, 0.0)
+    assert found["bearing_std_rad"][0] == pytest.approx(math.hypot(0.01, math.radians(own or 0.0)), rel=1e-12)
+    assert found.get("offset_std", [0.0])[0] == pytest.approx(math.radians(shared or 0.0))
 
 
 def test_headings_of_rows_take_precedence_over_the_scene(tmp_path: Path) -> None:

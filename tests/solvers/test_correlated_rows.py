@@ -3,54 +3,84 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from batches import range_batch
 from calibration_worlds import HALL
 from scipy.optimize import least_squares
 
-from nlosctl.models.scaled_residuals import SCALED_RESIDUALS, ScaledResiduals
+from nlosctl.models.shared_causes.causes import SensorCauses, SharedCauses
+from nlosctl.models.shared_causes.joint_rows import JointRows, joint_rows
 from nlosctl.solvers.optimization.correlated_rows import (
     correlated_equations,
+    covariance_by_gain,
+    covariance_of_fix,
     inverse_or_nan,
+    linear_fix,
     refine_positions,
     rescaled_covariance,
     sandwich_of_weights,
 )
 
+SNAPSHOTS, ROWS = 5, 6
 
-def random_scalars(seed, snapshots=5, rows=6):
-    """Return random scalars of rows, shared errors with two causes, and the dense covariance over the stds."""
+
+def random_rows(seed, nuisances=0):
+    """Return random rows whose errors have two causes in common, and the dense covariance over the stds."""
     rng = np.random.default_rng(seed)
-    slopes = [rng.normal(size=(snapshots, rows)) for _ in range(2)]
-    per_offset = -rng.uniform(0.5, 2.0, (snapshots, rows))
-    scalars = ScaledResiduals.of(rng.normal(size=(snapshots, rows)), *slopes, per_offset=per_offset)
-    shared = rng.normal(size=(snapshots, rows, 2))
-    errors = per_offset[:, :, None] * shared
-    return scalars, shared, np.eye(rows) + errors @ np.swapaxes(errors, 1, 2)
+    slopes = tuple(rng.normal(size=(SNAPSHOTS, ROWS)) for _ in range(2 + nuisances))
+    errors = rng.normal(size=(SNAPSHOTS, ROWS, 2))
+    shared = errors @ np.swapaxes(errors, 1, 2)
+    row = np.broadcast_to(np.arange(ROWS), (SNAPSHOTS, ROWS))
+    return JointRows(rng.normal(size=(SNAPSHOTS, ROWS)), slopes, shared, row, nuisances), np.eye(ROWS) + shared
 
 
-def test_equations_are_those_of_the_whole_covariance() -> None:
-    """A'R^-1 A, A'R^-1 r and r'R^-1 r are those of a dense inverse of R."""
-    scalars, shared, covariance = random_scalars(1)
-    information, gradient, square = correlated_equations([scalars], shared)
+@pytest.mark.parametrize("nuisances", [0, 1])
+def test_equations_are_those_of_the_whole_covariance(nuisances: int) -> None:
+    """A'R^-1 A, A'R^-1 r and r'R^-1 r are those of a dense inverse of R, an unknown offset at its likeliest value."""
+    rows, covariance = random_rows(1, nuisances)
+    information, gradient, square = correlated_equations(rows)
+    whole, step = covariance_of_fix(rows)
     for number, inverse in enumerate(np.linalg.inv(covariance)):
-        slopes = np.stack([slope[number] for slope in scalars.slopes], axis=1)
-        np.testing.assert_allclose(information[number], slopes.T @ inverse @ slopes, atol=1e-10)
-        np.testing.assert_allclose(gradient[number], slopes.T @ inverse @ scalars.residual[number], atol=1e-10)
-        np.testing.assert_allclose(square[number], scalars.residual[number] @ inverse @ scalars.residual[number])
+        slopes = np.stack([slope[number] for slope in rows.slopes], axis=1)
+        residual = rows.residual[number]
+        np.testing.assert_allclose(whole[number], np.linalg.inv(slopes.T @ inverse @ slopes), rtol=1e-8)
+        np.testing.assert_allclose(information[number], np.linalg.inv(whole[number][:2, :2]), rtol=1e-8)
+        if nuisances:
+            of_offset = slopes[:, 2]
+            likeliest = -(of_offset @ inverse @ residual) / (of_offset @ inverse @ of_offset)
+            np.testing.assert_allclose(step[number], likeliest, rtol=1e-9)
+            residual = residual + likeliest * of_offset
+        np.testing.assert_allclose(gradient[number], slopes[:, :2].T @ inverse @ residual, atol=1e-9)
+        np.testing.assert_allclose(square[number], residual @ inverse @ residual, rtol=1e-9)
 
 
 def test_a_sandwich_is_that_of_dense_matrices() -> None:
     """The covariance of a fix whose weights ignore the correlations is (A'WA)^-1 A'W R W A (A'WA)^-1."""
-    scalars, shared, _ = random_scalars(2)
-    own = np.random.default_rng(3).uniform(0.3, 1.0, scalars.residual.shape)
-    information, sandwich = sandwich_of_weights([scalars], np.ones(own.shape), own, shared)
-    for number in range(own.shape[0]):
-        slopes = np.stack([slope[number] for slope in scalars.slopes], axis=1)
-        errors = scalars.per_offset[number][:, None] * shared[number]
-        gain = np.linalg.inv(slopes.T @ slopes) @ slopes.T
-        expected = gain @ (np.diag(own[number]) + errors @ errors.T) @ gain.T
-        np.testing.assert_allclose(information[number], slopes.T @ slopes, atol=1e-12)
-        np.testing.assert_allclose(sandwich[number], expected, atol=1e-12)
+    rows, covariance = random_rows(2)
+    weight = np.random.default_rng(3).uniform(0.3, 1.0, rows.residual.shape)
+    plain, sandwich = sandwich_of_weights(rows, weight)
+    for number in range(SNAPSHOTS):
+        slopes = np.stack([slope[number] for slope in rows.slopes], axis=1)
+        inverse = np.linalg.inv(slopes.T @ (weight[number][:, None] * slopes))
+        gain = inverse @ (weight[number][:, None] * slopes).T
+        np.testing.assert_allclose(plain[number], inverse, rtol=1e-9)
+        np.testing.assert_allclose(sandwich[number], gain @ covariance[number] @ gain.T, rtol=1e-9)
+
+
+def test_a_linear_fix_solves_its_equations_in_one_step() -> None:
+    """From any point, residuals that are linear end where A'R^-1 r = 0; its covariance is that of its gain."""
+    rows, covariance = random_rows(6)
+    start = np.random.default_rng(7).normal(size=(SNAPSHOTS, 2))
+    fix, gain = linear_fix(rows, start)
+    spread = np.random.default_rng(8).uniform(0.5, 2.0, rows.residual.shape)
+    given = covariance_by_gain(rows, gain, spread)
+    for number, inverse in enumerate(np.linalg.inv(covariance)):
+        slopes = np.stack([slope[number] for slope in rows.slopes], axis=1)
+        residual = rows.residual[number] + slopes @ (fix[number] - start[number])
+        np.testing.assert_allclose(slopes.T @ inverse @ residual, 0.0, atol=1e-9)
+        wide = spread[number][:, None] * covariance[number] * spread[number]
+        own = np.linalg.inv(slopes.T @ inverse @ slopes) @ slopes.T @ inverse
+        np.testing.assert_allclose(given[number], own @ wide @ own.T, rtol=1e-8)
 
 
 def test_refined_positions_are_those_of_generalized_least_squares() -> None:
@@ -60,12 +90,20 @@ def test_refined_positions_are_those_of_generalized_least_squares() -> None:
     root = 0.3 * rng.normal(size=(4, 4))
     ranges = np.hypot(*np.moveaxis(truth[:, None] - HALL, -1, 0)) + rng.normal(size=(6, 4)) @ root.T
     batch = range_batch(HALL, ranges, 0.1)
-    shared = np.broadcast_to(root, (6, 4, 4))
+    exact = SensorCauses.exact(batch.sensor)
+    causes = SharedCauses(SensorCauses(*list(vars(exact).values())[:4], batch.sensor), root @ root.T)
 
-    def model(position_m):
-        return SCALED_RESIDUALS["ranges"](batch, position_m, with_ranges=False)
+    def model(index, position_m):
+        return joint_rows("ranges", batch, causes, np.repeat(position_m, 1, axis=0), with_ranges=False).take(index)
 
-    found, square = refine_positions(model, truth, shared)
+    def whole(index, position_m):
+        every = truth.copy()
+        every[index] = position_m
+        return model(index, every)
+
+    found, settled = refine_positions(whole, truth)
+    square = correlated_equations(whole(np.arange(6), found))[2]
+    assert settled.all()
     whiten = np.linalg.inv(np.linalg.cholesky(0.01 * np.eye(4) + root @ root.T))
     for number in range(6):
 

@@ -77,6 +77,14 @@ SENSOR = (
         spellings=lengths("sensor_y", are_recent=True),
     ),
     *on_earth("sensor", "sensor position"),
+    Column(
+        name="sensor_std_m",
+        type="number",
+        unit="m",
+        nullable=True,
+        meaning="standard deviation of each coordinate of the sensor position; default: the scene's position_std_m",
+        spellings=lengths("sensor_std", are_recent=True),
+    ),
 )
 
 _RANGE = (

@@ -12,6 +12,7 @@ from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.scene import Scene
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import ColumnPlan, MappedColumn
+from nlosctl.io.measurements.completion.geometry_stds import OFFSET_STD
 from nlosctl.io.measurements.row_checks import Fault, got
 
 __all__ = ["add_headings", "require_headings"]
@@ -40,7 +41,8 @@ def add_headings(
     their entries (N,) in the scene, -1 for none.
 
     A heading is that of the row, else that of the scene's sensor; a row without one is a fault. The variance of a
-    heading adds to that of the direction. ``columns`` keeps the heading in radians, for other readings of the angle.
+    row's heading adds to that of the direction; that of a heading in the scene is an error that all bearings of the
+    sensor share, and adds to triplets alone. ``columns`` keeps the heading in radians, for other readings of the angle.
     """
     for name, (names, entries) in zip(plan.relative, nodes, strict=True):
         mapped = plan.mapped[name]
@@ -49,8 +51,11 @@ def add_headings(
         scene_std_deg = np.array([*(known.heading_std_deg for known in scene.sensors), None], dtype=np.float64)[entries]
         own_deg = columns.pop(heading_name, scene_deg)
         heading_deg = np.where(np.isnan(own_deg), scene_deg, own_deg)
-        own_std_deg = columns.pop(std_name, scene_std_deg)
+        own_std_deg = columns.pop(std_name, np.full(scene_std_deg.shape, np.nan))
         std_deg = np.where(np.isnan(own_std_deg), scene_std_deg, own_std_deg)
+        if OFFSET_STD in columns:
+            columns[OFFSET_STD] = np.where(np.isnan(own_std_deg), columns[OFFSET_STD], 0.0)
+            std_deg = np.nan_to_num(own_std_deg)
         faults += _faults(mapped, names, heading_deg, std_deg)
         heading_rad = np.radians(heading_deg)
         columns[name] = columns[name] - heading_rad

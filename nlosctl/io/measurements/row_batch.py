@@ -244,7 +244,7 @@ class RowConverter:
         if self._times is not None and self._scene.time_column:
             valid = self._scene_columns.check_times(self._opened.time_column, batch, columns, faults)
             self._tally.report.valid_sensors |= valid
-        if self._plan.table.dimension == 3 or REST in columns:
+        if self._plan.table.dimension == 3 or REST in columns or "sensor_std_m" in mapped or self._scene.is_uncertain:
             from nlosctl.io.measurements.completion.completed_rows import complete_columns
 
             complete_columns(self._plan, self._scene_columns, batch, columns, faults)

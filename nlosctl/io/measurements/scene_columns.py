@@ -14,6 +14,7 @@ from nlosctl.contract.scene import CircleReflector, EarthFrame, PlaneReflector, 
 from nlosctl.contract.tables import Column
 from nlosctl.errors import did_you_mean
 from nlosctl.io.measurements.column_mapping import NULL_CODE, ColumnPlan, MappedColumn, NameCodes
+from nlosctl.io.measurements.completion.geometry_stds import SENSOR_STD
 from nlosctl.io.measurements.row_checks import TICKS, Describe, Fault, as_float64, got, is_null, null_mask
 from nlosctl.io.readers.base import text_at
 from nlosctl.io.scenes.scene_file import plane_of
@@ -110,6 +111,16 @@ class SceneColumns:
         """Return the positions (3, N) in the scene of sensors with the codes ``sensor`` (N,), NaN for unknown ones."""
         places: FloatArray = self._axes_m[:, self._entries(self._sensor_numbers(sensor), done)]
         return places
+
+    @property
+    def has_stds(self) -> bool:
+        """Whether positions, headings or offsets of sensors may not be exactly known."""
+        return self._plan.table.name != "triplets" and (SENSOR_STD in self._plan.mapped or self._scene.is_uncertain)
+
+    def stds_of(self, sensor: IntArray, name: str, done: Columns) -> FloatArray:
+        """Return the standard deviations ``name`` (N,) of the scene's sensors with these codes, NaN without one."""
+        stds = np.array([*(getattr(known, name) for known in self._scene.sensors), None], dtype=np.float64)
+        return np.asarray(stds[self._entries(self._sensor_numbers(sensor), done)])
 
     def heights(self, done: Columns) -> FloatArray | None:
         """Return the heights (N,) of the scene's sensors, NaN for others; None if the scene has no heights."""

@@ -32,6 +32,7 @@ __all__ = [
 ]
 
 Number = Annotated[float, msgspec.Meta(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
+Std = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_NUMBER)]
 Point = tuple[Number, Number]
 PointInSpace = tuple[Number, Number, Number]
 Place = Annotated[list[Number], msgspec.Meta(min_length=2, max_length=3)]
@@ -64,6 +65,9 @@ class SensorEntry(Entry, rename=TOML_NAMES):
     position: Place
     heading_deg: Number | None = None
     heading_std_deg: Annotated[float, msgspec.Meta(ge=0.0, le=180.0)] | None = None
+    position_std_m: Std | None = None
+    range_offset_std_m: Std | None = None
+    arrival_offset_std_m: Std | None = None
     start: datetime | Number | None = None
     end: datetime | Number | None = None
 
@@ -107,6 +111,8 @@ class LineEntry(Entry, tag_field="kind", tag="line"):
     direction: Point | None = None
     slope: Number | None = None
     intercept: Number | None = None
+    offset_std_m: Std | None = None
+    direction_std_deg: Annotated[float, msgspec.Meta(ge=0.0, le=180.0)] | None = None
 
     def __post_init__(self) -> None:
         by_slope = self.slope is not None or self.intercept is not None
@@ -119,9 +125,11 @@ class LineEntry(Entry, tag_field="kind", tag="line"):
             raise EntryError("direction", "got [0, 0], expected a direction of any length except zero")
 
     def to_scene(self) -> LineReflector:
-        if self.point is not None and self.direction is not None:
-            return LineReflector(name=self.name, point=self.point, direction=self.direction)
-        return LineReflector(name=self.name, point=(0.0, self.intercept or 0.0), direction=(1.0, self.slope or 0.0))
+        stds = {"offset_std_m": self.offset_std_m, "direction_std_deg": self.direction_std_deg}
+        point, direction = self.point, self.direction
+        if point is None or direction is None:
+            point, direction = (0.0, self.intercept or 0.0), (1.0, self.slope or 0.0)
+        return LineReflector(name=self.name, point=point, direction=direction, **stds)
 
 
 class SegmentEntry(Entry, tag_field="kind", tag="segment", rename=TOML_NAMES):
@@ -130,6 +138,8 @@ class SegmentEntry(Entry, tag_field="kind", tag="segment", rename=TOML_NAMES):
     name: str
     start: Point
     end: Point
+    offset_std_m: Std | None = None
+    direction_std_deg: Annotated[float, msgspec.Meta(ge=0.0, le=180.0)] | None = None
 
     def __post_init__(self) -> None:
         if self.start == self.end:
@@ -144,6 +154,7 @@ class CircleEntry(Entry, tag_field="kind", tag="circle"):
     radius: Number
     blocker_radius: Number | None = None
     min_elevation_deg: Number | None = None
+    radius_std_m: Std | None = None
 
     def __post_init__(self) -> None:
         _check_round(self.radius, self.blocker_radius, self.min_elevation_deg)
@@ -155,6 +166,8 @@ class PlaneEntry(Entry, tag_field="kind", tag="plane"):
     name: str
     point: PointInSpace
     normal: PointInSpace
+    offset_std_m: Std | None = None
+    direction_std_deg: Annotated[float, msgspec.Meta(ge=0.0, le=180.0)] | None = None
 
     def __post_init__(self) -> None:
         if self.normal == (0.0, 0.0, 0.0):
@@ -170,6 +183,7 @@ class SphereEntry(Entry, tag_field="kind", tag="sphere"):
     blocker_radius: Number | None = None
     min_elevation_deg: Number | None = None
     height_m: Number | None = None
+    radius_std_m: Std | None = None
 
     def __post_init__(self) -> None:
         around = self.center == "earth"
@@ -185,6 +199,7 @@ class SphereEntry(Entry, tag_field="kind", tag="sphere"):
 
     def to_scene(self) -> SphereReflector:
         shared: dict[str, Any] = {"name": self.name, "min_elevation_deg": self.min_elevation_deg}
+        shared["radius_std_m"] = self.radius_std_m
         if self.center == "earth":
             radius = EARTH_RADIUS_M + (self.height_m or 0.0)
             center = (0.0, 0.0, -EARTH_RADIUS_M)

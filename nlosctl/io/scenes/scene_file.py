@@ -93,6 +93,9 @@ def _fault(tree: Mapping[str, Any], error: msgspec.ValidationError) -> str:
     if not key:
         key = next(name for name, field in fields.items() if field.required and name not in entry)
         return f"{where}.{key}: missing, expected {_expected(fields[key].type)}"
+    if "_std_" in key and not isinstance(entry[key], str | list):
+        most = 180 if key.endswith("_deg") else LARGEST_NUMBER
+        return f"{where}.{key}: got {entry[key]!r}, expected a standard deviation from 0 to {most:g}"
     beyond = re.match("Expected `float` [<>]=", reason)
     expected = f"finite numbers within {LARGEST_NUMBER:g}" if beyond else _expected(fields[key].type)
     return f"{where}.{key}: got {entry[key]!r}, expected {expected}"
@@ -112,15 +115,7 @@ def _expected(kind: Any) -> str:
 
 def _sensor(entry: SensorEntry) -> Sensor:
     x, y, *z = entry.position
-    return Sensor(
-        name=entry.name,
-        position=(x, y),
-        heading_deg=entry.heading_deg,
-        heading_std_deg=entry.heading_std_deg,
-        z_m=z[0] if z else None,
-        start=entry.start,
-        end=entry.end,
-    )
+    return Sensor(**{**msgspec.structs.asdict(entry), "position": (x, y)}, z_m=z[0] if z else None)
 
 
 def _has_times(entry: Any) -> bool:

@@ -13,20 +13,21 @@ import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.batches import BearingBatch
-from nlosctl.contract.calibration import Calibration
 from nlosctl.contract.run_options import SolveOptions
 from nlosctl.contract.scene import Sensor
 from nlosctl.contract.tables import TRUTH_HEIGHT
 from nlosctl.errors import DataError, UsageError
 from nlosctl.evaluation.bounds import Bounds, SpaceBounds, bounds_of
-from nlosctl.io.measurements.completion.calibrated_rows import OFFSET_ENTRY
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.results.evaluation_arrays import boolean_codes
 from nlosctl.io.results.layouts import TRUTH_NAMES, truth_positions
 from nlosctl.io.results.tables import MEAN_TIME, bound_schema, bound_table
 from nlosctl.models.information import INFORMATION, Information
+from nlosctl.models.shared_causes.causes import SharedCauses
 from nlosctl.pipeline.solve.reference_rows import alike_blocks
 from nlosctl.pipeline.solve.reflected_ranges import refuse_circle_ranges, refuse_reflected_ranges
+from nlosctl.pipeline.solve.shared_causes.chunk_causes import batch_causes
+from nlosctl.pipeline.solve.shared_causes.correlated_bound import information_with_causes
 from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks
 from nlosctl.pipeline.solve.target_heights import with_target_heights
 
@@ -114,13 +115,9 @@ def bounds_at_truth(reader: MeasurementReader, options: SolveOptions) -> Iterato
                 for mine, rows in alike_blocks(chunk, snapshot, row):
                     batch = _without_ranges(_batch(reader, chunk, rows), options)
                     batch, point = _in_axes_of_bound(batch, reader, truth[mine])
+                    causes = batch_causes(chunk.columns, rows, batch, reader.options.calibration)
                     information = model.at(batch, *point.T)
-                    if isinstance(reader.options.calibration, Calibration):
-                        from nlosctl.pipeline.solve.calibrated.shared_offsets import information_with_offsets
-
-                        information = information_with_offsets(
-                            information, batch, point, chunk.columns[OFFSET_ENTRY][rows], reader.options.calibration
-                        )
+                    information = information_with_causes(information, reader.kind, batch, point, causes, options.noise)
                     _write_bounds(arrays, mine, information, options)
         yield bound_table(arrays, schema, chunk.snapshot, chunk.table, chunk.offsets[:-1])
 
@@ -183,7 +180,8 @@ def bounds_on_map(reader: MeasurementReader, chunk: Chunk, grid: MapGrid, option
     schema = result_schema(reader, grid)
     model = INFORMATION[_supported(reader)]
     chunk = _as_modelled(chunk, reader, options)
-    single = _without_ranges(_first_snapshot(reader, chunk), options)
+    single, causes = _first_snapshot(reader, chunk)
+    single = _without_ranges(single, options)
     height = () if reader.dimension == 2 else (_map_height_m(single),)
     for x, y in grid.blocks():
         point = np.stack([x, y, *(np.full(x.shape, z) for z in height)], axis=1)
@@ -191,7 +189,15 @@ def bounds_on_map(reader: MeasurementReader, chunk: Chunk, grid: MapGrid, option
         batch = model.seen_from(single, *point.T)
         if not isinstance(batch, BearingBatch):
             batch, point = _in_axes_of_bound(batch, reader, point)
-        _write_bounds(arrays, slice(None), model.at(batch, *point.T), options)
+        information = information_with_causes(
+            model.at(batch, *point.T),
+            reader.kind,
+            batch,
+            point,
+            causes.take(np.zeros(x.size, dtype=np.int64)),
+            options.noise,
+        )
+        _write_bounds(arrays, slice(None), information, options)
         yield bound_table(arrays, schema)
 
 
@@ -228,12 +234,14 @@ def _supported(reader: MeasurementReader) -> str:
     return reader.kind
 
 
-def _first_snapshot(reader: MeasurementReader, chunk: Chunk) -> Any:
+def _first_snapshot(reader: MeasurementReader, chunk: Chunk) -> tuple[Any, SharedCauses]:
+    """Return a batch of the first snapshot, and what is not exactly known of it."""
     kept = ~chunk.left_out
     kept[chunk.offsets[1] :] = False
     for _, row in dense_blocks(chunk.offsets[:2], kept[: chunk.offsets[1]], 1):
         if row.shape[1]:
-            return _batch(reader, chunk, row)
+            batch = _batch(reader, chunk, row)
+            return batch, batch_causes(chunk.columns, row, batch, reader.options.calibration)
     raise DataError(f"{chunk.source}: the first snapshot has no row that is used; a map takes its sensors from it")
 
 

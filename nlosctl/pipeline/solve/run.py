@@ -28,7 +28,7 @@ from nlosctl.pipeline.solve.report import RunReport, method_remarks
 from nlosctl.pipeline.solve.sensor_residuals import add_residuals
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolution, ChunkSolver
 from nlosctl.pipeline.solve.sweeps import refuse_swept_columns
-from nlosctl.pipeline.solve.target_heights import height_settings, heights_remark, refuse_dimension, with_target_heights
+from nlosctl.pipeline.solve.target_heights import check_geometry, geometry_remarks, height_settings, with_target_heights
 
 __all__ = ["MeasurementRun"]
 
@@ -52,7 +52,7 @@ class MeasurementRun:
     ) -> None:
         self.reader, self._runs, self._options, self._write = reader, tuple(runs), options, write
         self._wanted = tuple(wanted)
-        refuse_dimension(runs, reader.dimension, options.field)
+        check_geometry(reader, runs, options)
         self._optional = self._optional_columns()
         self._layouts = self._wanted_layouts()
         want_flags = "flags" in wanted or any(ADDED[word].needs_flags for word in write.add)
@@ -139,7 +139,7 @@ class MeasurementRun:
         self.report.notes += [
             *remarks,
             *(rejoined_remark(self.report.rejoined) if self.report.rejoined else ()),
-            *heights_remark(self.reader, self._options),
+            *geometry_remarks(self.reader, self._runs, self._options),
             *(flat_plane_remarks(self.report.flat_plane) if self.report.flat_plane else ()),
             *method_remarks(self._runs, self.report, known, self._options, advised=bool(advice)),
             *advice,
@@ -170,8 +170,7 @@ class MeasurementRun:
         return frozenset(names)
 
     def _wanted_layouts(self) -> dict[str, Any]:
-        reader, sweeps = self.reader, None
-        methods = tuple(run.spec.name for run in self._runs)
+        reader, sweeps, methods = self.reader, None, tuple(run.spec.name for run in self._runs)
         if any(run.sweep for run in self._runs):
             sweeps = SweepColumns([run.sweep for run in self._runs])
             refuse_swept_columns(sweeps.points, reader.column_names)

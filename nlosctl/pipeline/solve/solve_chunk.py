@@ -22,7 +22,6 @@ from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.results.layouts import ChunkEstimates
 from nlosctl.io.results.measurement_layouts import ChunkTrace, chunk_trace
 from nlosctl.models.search_regions import near_edge
-from nlosctl.pipeline.solve.calibrated.shared_offsets import solver_with_offsets
 from nlosctl.pipeline.solve.merged_flags import flags_of_windows, scattered
 from nlosctl.pipeline.solve.method_runs import BlockSolver, MethodRun
 from nlosctl.pipeline.solve.reference_rows import (
@@ -33,7 +32,7 @@ from nlosctl.pipeline.solve.reference_rows import (
     without_reference_row,
 )
 from nlosctl.pipeline.solve.report import fit_p_values
-from nlosctl.pipeline.solve.target_heights import by_height
+from nlosctl.pipeline.solve.target_heights import by_height, has_geometry_stds
 
 __all__ = ["ChunkSolution", "ChunkSolver", "dense_batch", "dense_blocks", "keep_freed_memory"]
 
@@ -91,8 +90,12 @@ class ChunkSolver:
         ]
         for method, run in enumerate(self.runs):
             solve = run.solver(chunk)
-            if self.calibration is not None:
-                solve = solver_with_offsets(solve, run, chunk, self.calibration)
+            if self.kind != "triplets" and (
+                self.calibration is not None or has_geometry_stds(self.scene, chunk.columns)
+            ):
+                from nlosctl.pipeline.solve.shared_causes.correlated_methods import solver_with_causes
+
+                solve = solver_with_causes(solve, run, chunk, self.calibration)
             if self.scene.frame is not None and self.scene.frame.on_ellipsoid:
                 from nlosctl.pipeline.solve.earth_centred import solver_on_earth
 
@@ -283,11 +286,8 @@ def keep_freed_memory() -> None:
 
 def _gather(row: IntArray, parts: Sequence[npt.NDArray[Any]]) -> npt.NDArray[Any]:
     dense = np.empty(row.shape if len(parts) == 1 else (*row.shape, len(parts)), dtype=parts[0].dtype, order="F")
-    if len(parts) == 1:
-        dense[...] = parts[0][row]
-    else:
-        for axis, part in enumerate(parts):
-            dense[..., axis] = part[row]
+    for axis, part in enumerate(parts):
+        (dense if len(parts) == 1 else dense[..., axis])[...] = part[row]
     dense.flags.writeable = False
     return dense
 

@@ -1,12 +1,12 @@
 """Heights of the targets: measured or held in three dimensions, in the plane those that make ranges slant.
 
-Also what a run refuses in a dimension, and what it remarks on heights.
+Also what a run refuses in a dimension or of a geometry that is not exactly known, and what it remarks on them.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,11 +14,22 @@ import numpy as np
 from nlosctl.arrays import IntArray
 from nlosctl.contract.fields import BoxField, Field
 from nlosctl.contract.run_options import SolveOptions
+from nlosctl.contract.scene import Scene
 from nlosctl.errors import UsageError
+from nlosctl.io.measurements.completion.geometry_stds import SENSOR_STD
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.pipeline.solve.method_runs import MethodRun
 
-__all__ = ["by_height", "height_settings", "heights_remark", "refuse_dimension", "with_target_heights"]
+__all__ = [
+    "by_height",
+    "check_geometry",
+    "geometry_remarks",
+    "has_geometry_stds",
+    "height_settings",
+    "heights_remark",
+    "refuse_dimension",
+    "with_target_heights",
+]
 
 _HEIGHT, _HEIGHT_STD = "target_z_m", "target_z_std_m"
 _NUMBERS = {2: "two", 3: "three"}
@@ -93,6 +104,30 @@ def refuse_dimension(runs: Sequence[MethodRun], dimension: int, field: Field) ->
             )
     if isinstance(field, BoxField) and field.zmin_m is not None and dimension == 2:
         raise UsageError(f"field {str(field)!r} has heights, but the input is of two dimensions; give four numbers")
+
+
+def has_geometry_stds(scene: Scene, names: Container[str]) -> bool:
+    """Return whether sensors or reflectors may not be exactly known; ``names`` are those of the columns."""
+    return scene.is_uncertain or SENSOR_STD in names
+
+
+def check_geometry(reader: MeasurementReader, runs: Sequence[MethodRun], options: SolveOptions) -> None:
+    """Raise UsageError for a dimension, or a geometry that is not exactly known, that the run has no model of."""
+    refuse_dimension(runs, reader.dimension, options.field)
+    if has_geometry_stds(reader.scene, reader.schema.names):
+        from nlosctl.pipeline.solve.shared_causes.method_checks import refuse_uncertain
+
+        refuse_uncertain(reader, options)
+
+
+def geometry_remarks(reader: MeasurementReader, runs: Sequence[MethodRun], options: SolveOptions) -> list[str]:
+    """Return lines on heights that are not used, and on methods whose weights ignore what rows share."""
+    remarks = heights_remark(reader, options)
+    if has_geometry_stds(reader.scene, reader.schema.names):
+        from nlosctl.pipeline.solve.shared_causes.method_checks import uncertain_remarks
+
+        remarks += uncertain_remarks(reader, runs)
+    return remarks
 
 
 def heights_remark(reader: MeasurementReader, options: SolveOptions) -> list[str]:

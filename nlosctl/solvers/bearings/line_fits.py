@@ -19,6 +19,7 @@ from nlosctl.models.space.sphere_lines import SphereLines
 __all__ = [
     "InflatedCovariance",
     "LineFit",
+    "WeightedLines",
     "fit_focused",
     "fit_least_squares",
     "fit_weighted",
@@ -54,6 +55,35 @@ class LineFit(RowBlock):
     def y(self) -> FloatArray:
         """The second coordinate."""
         return self.point[1]
+
+
+@dataclass(frozen=True)
+class WeightedLines(RowBlock):
+    """Lines (B, M) weighted at a first fix (B, D): errors across them over std times width, and their derivatives."""
+
+    lines: Sight
+    first_m: FloatArray
+    width_m: FloatArray
+    residual: FloatArray
+    slopes: tuple[FloatArray, ...]
+
+    @classmethod
+    def of(cls, lines: Sight, first: LineFit, width_m: FloatArray) -> WeightedLines | None:
+        """Return the lines with the weights of `fit_weighted`; None where their planes are turned, by spheres."""
+        if isinstance(lines, SphereLines):
+            return None
+        with ignoring_division():
+            normals, offset = lines.planes(slice(None), 1.0 / (lines.std * width_m))
+            slopes = normals[: lines.unknowns]
+            across = [part * axis[:, None] for part, axis in zip(slopes, first.point, strict=True)]
+            residual = np.asarray(sum(across[1:], across[0]) - offset)
+        return cls(lines, np.stack(lines.absolute(*first.point), axis=1), width_m, residual, tuple(slopes))
+
+    def spread(self, position_m: FloatArray) -> FloatArray:
+        """Return how much wider (B, M) the lines' errors are at positions (B, D) than their weights state."""
+        point = [position_m[:, axis] - self.lines.center[axis] for axis in range(self.lines.unknowns)]
+        with ignoring_division():
+            return np.asarray(self.lines.tube_width_m(*point) / self.width_m)
 
 
 def fit_least_squares(lines: Sight) -> LineFit:

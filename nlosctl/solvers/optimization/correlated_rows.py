@@ -1,86 +1,158 @@
-"""Least squares where rows have errors in common: offsets that are not exactly known, for example.
+"""Least squares where rows have errors in common: offsets, places of sensors, mirrors that are not exactly known.
 
-Over the stds of the rows the covariance of the residuals is R = I + H H', H (K, M) the shared errors of standard normal
-causes. With M = I + H'H the inverse is R^-1 = I - H M^-1 H', so that the normal equations A'R^-1 A and A'R^-1 r need
-sums over the rows alone.
+Over the stds of the rows the covariance of the residuals is R = I + S, S that of the shared errors. With R = L L' the
+rows L^-1 A, L^-1 r are those of ordinary least squares. R depends on the position, but is not differentiated: the fix
+is where A'R^-1 r = 0 with R there, its covariance (A'R^-1 A)^-1. An unknown that is no coordinate (the offset of
+arrivals) is eliminated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, ignoring_division
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_division
 from nlosctl.geometry.blocks import sum_measurements
-from nlosctl.models.scaled_residuals import ScaledResiduals
+from nlosctl.models.shared_causes.joint_rows import JointRows
 
-__all__ = ["correlated_equations", "refine_positions", "rescaled_covariance", "sandwich_of_weights"]
+__all__ = [
+    "correlated_equations",
+    "covariance_by_gain",
+    "covariance_of_fix",
+    "inverse_or_nan",
+    "linear_fix",
+    "refine_positions",
+    "rescaled_covariance",
+    "sandwich_of_weights",
+]
 
-Model = Callable[[FloatArray], Sequence[ScaledResiduals]]
-"""The scalars of rows at positions (B, D)."""
+Model = Callable[[IntArray, FloatArray], JointRows]
+"""The scalars of some snapshots (N,) at positions (N, D)."""
 
 _MOST_STEPS = 30
 _SETTLED = 1e-10
 """A step whose square over the covariance is less than this is the last."""
 
 
-def correlated_equations(
-    scalars: Sequence[ScaledResiduals], shared: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return A'R^-1 A (B, D, D), A'R^-1 r (B, D) and r'R^-1 r (B,), with the shared errors (B, K, M) of offsets."""
-    own = next(scalar for scalar in scalars if scalar.per_offset is not None)
-    assert own.per_offset is not None  # noqa: S101 - chosen so
-    errors = own.per_offset[:, :, None] * shared
-    inner = np.linalg.inv(np.eye(shared.shape[2]) + _over_rows(errors[:, :, :, None] * errors[:, :, None, :]))
-    columns = [*own.slopes, own.residual]
-    across = [_over_rows(errors * column[:, :, None]) for column in columns]
-    back = [sum_measurements(inner * part[:, None, :]) for part in across]
-    size = len(columns)
-    product = np.empty((shared.shape[0], size, size))
-    for i in range(size):
-        for j in range(i + 1):
-            direct = [sum_measurements(_column(scalar, i) * _column(scalar, j)) for scalar in scalars]
-            product[:, i, j] = sum(direct[1:], direct[0]) - sum_measurements(across[i] * back[j])
-            product[:, j, i] = product[:, i, j]
+def correlated_equations(rows: JointRows) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return A'R^-1 A (B, D, D), A'R^-1 r (B, D) and r'R^-1 r (B,) of the coordinates of the position.
+
+    Of an unknown that is no coordinate they are those at its likeliest value.
+    """
+    product = _products(_whitened(rows, _root(rows)))
+    for _ in range(rows.nuisances):
+        product = _without(product, product.shape[1] - 2)
     return product[:, :-1, :-1], product[:, :-1, -1], product[:, -1, -1]
 
 
-def _column(scalar: ScaledResiduals, index: int) -> FloatArray:
-    return scalar.slopes[index] if index < len(scalar.slopes) else scalar.residual
+def covariance_of_fix(rows: JointRows) -> tuple[FloatArray, FloatArray]:
+    """Return (A'R^-1 A)^-1 (B, N, N) of all N unknowns, NaN where it is singular, and the step (B,) of the last one.
+
+    By that the likeliest value of an unknown that is no coordinate exceeds the one in the residuals.
+    """
+    product = _products(_whitened(rows, _root(rows)))
+    with ignoring_division():
+        step = -product[:, -2, -1] / product[:, -2, -2]
+    return inverse_or_nan(product[:, :-1, :-1]), step
 
 
-def _over_rows(values: FloatArray) -> FloatArray:
-    """Return the sum (B, ...) over the rows of values (B, K, ...), one after the other."""
-    total = np.zeros((values.shape[0], *values.shape[2:]))
-    for k in range(values.shape[1]):
-        total += values[:, k]
+def _root(rows: JointRows) -> FloatArray:
+    """Return L (B, S, S)."""
+    return np.asarray(np.linalg.cholesky(np.eye(rows.shared.shape[1]) + rows.shared))
+
+
+def _whitened(rows: JointRows, root: FloatArray) -> FloatArray:
+    """Return L^-1 [A r] (B, S, D + 1)."""
+    return np.asarray(np.linalg.solve(root, np.stack([*rows.slopes, rows.residual], axis=2)))
+
+
+def _products(columns: FloatArray) -> FloatArray:
+    """Return the sums (B, N, N) of products of columns (B, S, N) over the rows, one after the other."""
+    total = np.zeros((columns.shape[0], columns.shape[2], columns.shape[2]))
+    for k in range(columns.shape[1]):
+        total += columns[:, k, :, None] * columns[:, k, None, :]
     return total
 
 
-def refine_positions(model: Model, position_m: FloatArray, shared: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the positions (B, D) with A'R^-1 r = 0 next to given ones, and r'R^-1 r (B,) there.
+def _without(product: FloatArray, index: int) -> FloatArray:
+    """Return a symmetric matrix (B, N, N) without one of its unknowns, by the Schur complement."""
+    kept = [other for other in range(product.shape[1]) if other != index]
+    across = product[:, kept, index]
+    with ignoring_division():
+        share = across / product[:, index, index, None]
+    return np.asarray(product[:, kept][:, :, kept] - share[:, :, None] * across[:, None, :])
 
-    Gauss-Newton steps, halved where they do not lower r'R^-1 r. A position whose equations are singular stays.
+
+def refine_positions(model: Model, position_m: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return the positions (B, D) with A'R^-1 r = 0 next to given ones, and which of them (B,) settled.
+
+    Gauss-Newton steps with the R of each position, halved where they do not lower r'R^-1 r with that R. A position
+    whose equations are singular stays. Coordinates that are no unknowns stay.
     """
-    point = position_m.copy()
-    information, gradient, cost = correlated_equations(model(point), shared)
-    step = _steps(information, gradient)
-    length = np.ones(point.shape[0])
+    point, active = position_m.copy(), np.arange(position_m.shape[0])
+    length = np.ones(active.shape)
+    settled = np.zeros(active.shape, dtype=bool)
     for _ in range(_MOST_STEPS):
-        small = sum_measurements(sum_measurements(information * step[:, None, :]) * step) * length * length < _SETTLED
-        if small.all():
-            break
-        trial = point + np.where(small, 0.0, length)[:, None] * step
-        there = correlated_equations(model(trial), shared)
-        better = ~small & (there[2] <= cost)
-        point = np.where(better[:, None], trial, point)
-        information = np.where(better[:, None, None], there[0], information)
-        gradient = np.where(better[:, None], there[1], gradient)
-        cost = np.where(better, there[2], cost)
-        length = np.where(better, 1.0, 0.5 * length)
+        rows = model(active, point[active])
+        root = _root(rows)
+        product = _products(_whitened(rows, root))
+        for _ in range(rows.nuisances):
+            product = _without(product, product.shape[1] - 2)
+        information, gradient = product[:, :-1, :-1], product[:, :-1, -1]
         step = _steps(information, gradient)
-    return point, cost
+        moved = sum_measurements(sum_measurements(information * step[:, None, :]) * step)
+        small = ~(moved * length[active] ** 2 >= _SETTLED)
+        settled[active[small]] = True
+        active, root, before = active[~small], root[~small], product[~small, -1, -1]
+        if not active.size:
+            break
+        trial = point[active]
+        trial[:, : step.shape[1]] += length[active, None] * step[~small]
+        there = model(active, trial)
+        better = _square(there, root) <= before
+        point[active[better]] = trial[better]
+        length[active] = np.where(better, 1.0, 0.5 * length[active])
+    return point, settled
+
+
+def _square(rows: JointRows, root: FloatArray) -> FloatArray:
+    """Return r'R^-1 r (B,) with R = L L' of another position."""
+    product = _products(_whitened(rows, root))
+    for _ in range(rows.nuisances):
+        product = _without(product, product.shape[1] - 2)
+    return product[:, -1, -1]
+
+
+def linear_fix(rows: JointRows, position_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the positions (B, D) where A'R^-1 r = 0 for residuals that are linear from given ones, and their gain.
+
+    The gain (B, N, S) is (A'R^-1 A)^-1 A'R^-1, NaN where that is singular.
+    """
+    root = _root(rows)
+    whitened = _whitened(rows, root)
+    slopes = whitened[:, :, :-1]
+    inverse = inverse_or_nan(_products(slopes))
+    back = np.linalg.solve(np.swapaxes(root, 1, 2), slopes)
+    gain = np.zeros((inverse.shape[0], inverse.shape[1], root.shape[1]))
+    for k in range(inverse.shape[1]):
+        gain += inverse[:, :, k, None] * back[:, None, :, k]
+    point = position_m.copy()
+    step = sum_measurements(gain * rows.residual[:, None, :])
+    point[:, : step.shape[1]] -= step
+    return point, gain
+
+
+def covariance_by_gain(rows: JointRows, gain: FloatArray, spread: FloatArray) -> FloatArray:
+    """Return the covariance (B, N, N) G R G' of a linear fit by its gain G (B, N, S), errors times a spread (B, S)."""
+    gain = gain * spread[:, None, :]
+    size = gain.shape[1]
+    covariance = np.empty((gain.shape[0], size, size))
+    for i in range(size):
+        across = gain[:, i] + _rows_times(rows.shared, gain[:, i])
+        for j in range(size):
+            covariance[:, i, j] = sum_measurements(across * gain[:, j])
+    return covariance
 
 
 def _steps(information: FloatArray, gradient: FloatArray) -> FloatArray:
@@ -111,31 +183,29 @@ def _is_definite(matrix: FloatArray) -> BoolArray:
     return np.asarray(finite & (np.linalg.eigvalsh(relative)[:, 0] > 1e-12))
 
 
-def sandwich_of_weights(
-    scalars: Sequence[ScaledResiduals], weight: FloatArray, own_share: FloatArray, shared: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the information A'WA (B, D, D) of rows with weights (B, K), and the covariance (B, D, D) of their fix.
+def sandwich_of_weights(rows: JointRows, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (A'WA)^-1 (B, N, N) of scalars with weights (B, S), and the covariance of their fix, of all N unknowns.
 
-    ``own_share`` (B, K) is the part of a row's variance that it does not share. The covariance is
-    (A'WA)^-1 A'W R W A (A'WA)^-1, NaN where the information is singular.
+    The covariance is (A'WA)^-1 A'W R W A (A'WA)^-1, NaN where A'WA is singular.
     """
-    size = len(scalars[0].slopes)
+    pulls = [weight * slope for slope in rows.slopes]
+    size = len(pulls)
     information, middle = (np.zeros((weight.shape[0], size, size)) for _ in range(2))
-    for scalar in scalars:
-        share = own_share if scalar.per_offset is not None else np.ones(weight.shape)
-        for i in range(size):
-            for j in range(size):
-                product = weight * scalar.slopes[i] * scalar.slopes[j]
-                information[:, i, j] += sum_measurements(product)
-                middle[:, i, j] += sum_measurements(product * share)
-        if scalar.per_offset is not None:
-            errors = (weight * scalar.per_offset)[:, :, None] * shared
-            across = [_over_rows(errors * slope[:, :, None]) for slope in scalar.slopes]
-            for i in range(size):
-                for j in range(size):
-                    middle[:, i, j] += sum_measurements(across[i] * across[j])
+    for i in range(size):
+        across = pulls[i] + _rows_times(rows.shared, pulls[i])
+        for j in range(size):
+            information[:, i, j] = sum_measurements(pulls[i] * rows.slopes[j])
+            middle[:, i, j] = sum_measurements(across * pulls[j])
     inverse = inverse_or_nan(information)
-    return information, _product(_product(inverse, middle), inverse)
+    return inverse, _product(_product(inverse, middle), inverse)
+
+
+def _rows_times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+    """Return the products (B, S) of matrices (B, S, S) and vectors, term by term in order."""
+    total = np.zeros(vector.shape)
+    for k in range(vector.shape[1]):
+        total += matrix[:, :, k] * vector[:, k, None]
+    return total
 
 
 def rescaled_covariance(covariance: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.arrays import FloatArray
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.batches import batch_class
 from nlosctl.contract.calibration import Calibration
 from nlosctl.io.measurements.completion.exact_numbers import REST
+from nlosctl.io.measurements.completion.geometry_stds import REFERENCE
 from nlosctl.io.measurements.completion.sensor_keys import sensor_keys
 
 if TYPE_CHECKING:
@@ -30,15 +31,30 @@ _LEAST_SHARE = 1e-3
 
 
 def calibrated_chunk(chunk: Chunk, calibration: Calibration) -> tuple[Chunk, list[tuple[str, ...]]]:
-    """Return the chunk after a calibration, and the keys of its sensors that the calibration lacks."""
-    codes, keys = sensor_keys(chunk, calibration.by)
+    """Return the chunk after a calibration, and the keys of its sensors that the calibration lacks.
+
+    Differences of arrivals lose the offset of their sensor and have that of their reference.
+    """
+    entry, lacking = _entries(chunk, calibration, "sensor")
+    offsets = np.array([*(known.offset for known in calibration.entries), 0.0]) * calibration.quantity.scale
+    scales = np.array([*(known.std_factor for known in calibration.entries), 1.0])
+    offset, added = offsets[entry], {OFFSET_ENTRY: entry, STD_FACTOR: scales[entry]}
+    if "reference" in chunk.columns:
+        of_reference, without = _entries(chunk, calibration, "reference")
+        offset = offset - offsets[of_reference]
+        lacking = list(dict.fromkeys([*lacking, *without]))
+        added[REFERENCE.format(OFFSET_ENTRY)] = of_reference
+        added["reference_std_m"] = chunk.columns["reference_std_m"] * scales[of_reference]
+    columns = calibrated_columns(chunk.columns, calibration.kind, offset, scales[entry])
+    return replace(chunk, columns={**columns, **added}), lacking
+
+
+def _entries(chunk: Chunk, calibration: Calibration, of: str) -> tuple[IntArray, list[tuple[str, ...]]]:
+    """Return the entry (N,) of each row's sensor or reference, -1 without one, and the keys that have none."""
+    codes, keys = sensor_keys(chunk, calibration.by, of)
     index = {entry.key: number for number, entry in enumerate(calibration.entries)}
     entries = np.array([index.get(key, -1) for key in keys], dtype=np.int64)
-    lacking = [key for key, entry in zip(keys, entries.tolist(), strict=True) if entry < 0]
-    offset = np.array([*(entry.offset for entry in calibration.entries), 0.0])[entries] * calibration.quantity.scale
-    scale = np.array([*(entry.std_factor for entry in calibration.entries), 1.0])[entries]
-    columns = calibrated_columns(chunk.columns, calibration.kind, offset[codes], scale[codes])
-    return replace(chunk, columns={**columns, OFFSET_ENTRY: entries[codes], STD_FACTOR: scale[codes]}), lacking
+    return entries[codes], [key for key, entry in zip(keys, entries.tolist(), strict=True) if entry < 0]
 
 
 def calibrated_columns(

@@ -15,6 +15,7 @@ from nlosctl.errors import UsageError
 from nlosctl.io.measurements.column_mapping import ColumnPlan
 from nlosctl.io.measurements.completion.calibrated_rows import calibrated_chunk
 from nlosctl.io.measurements.completion.exact_numbers import REST
+from nlosctl.io.measurements.completion.geometry_stds import add_geometry_stds
 from nlosctl.io.measurements.completion.references import arrival_plan, check_arrivals, resolve_references
 from nlosctl.io.measurements.dimensions import check_space, complete_directions, refuse_several_heights
 from nlosctl.io.measurements.row_checks import Fault, ReadReport
@@ -48,6 +49,8 @@ def complete_columns(
         complete_directions(plan, columns, faults)
     if REST in columns:
         check_arrivals(plan, scene, batch, columns, faults)
+    if scene.has_stds:
+        add_geometry_stds(plan, scene, columns, faults)
 
 
 def completed_chunk(chunk: Chunk, names: Sequence[str], options: InputOptions, report: ReadReport) -> Chunk:

@@ -36,9 +36,12 @@ def group_texts(chunk: Chunk, by: Sequence[str]) -> tuple[IntArray, list[tuple[s
     return codes, groups
 
 
-def sensor_keys(chunk: Chunk, by: Sequence[str]) -> tuple[IntArray, list[tuple[str, ...]]]:
-    """Return the code (N,) of each row's sensor and group, and what the codes number: name, then values of ``by``."""
-    codes, names = sensor_texts(chunk)
+def sensor_keys(chunk: Chunk, by: Sequence[str], of: str = "sensor") -> tuple[IntArray, list[tuple[str, ...]]]:
+    """Return the code (N,) of each row's sensor and group, and what the codes number: name, then values of ``by``.
+
+    ``of`` as in `sensor_texts`.
+    """
+    codes, names = sensor_texts(chunk, of)
     groups, values = group_texts(chunk, by)
     codes, keys = _paired(codes, [(name,) for name in names], groups, values)
     return codes, keys

@@ -1,1 +1,0 @@
-"""Calibrations in a run: rows of one sensor share the error of its offset."""

@@ -1,0 +1,1 @@
+"""What rows share that is not exactly known: offsets of a calibration, places of sensors, headings, mirrors."""
