@@ -14,6 +14,7 @@ from nlosctl.contract.results import has_covariance, is_fix
 from nlosctl.contract.statuses import Status
 from nlosctl.evaluation.consistency import nees_interval, squared_mahalanobis, uncertain_coordinates
 from nlosctl.evaluation.error_statistics import error_percentiles, ratio, rmse_std_error, rows_by_group
+from nlosctl.evaluation.settling import TrackErrors
 from nlosctl.evaluation.summaries import EstimateSummary
 from nlosctl.geometry.ellipses import ellipse_threshold, ellipsoid_threshold
 
@@ -33,7 +34,8 @@ class EstimateRows:
     ``status`` (N,) are ``Status`` numbers.
 
     Metres and square metres; NaN for an absent value. ``used_share``, ``fit_p_value`` and ``std_dof`` (N,), the degrees
-    of freedom of estimated standard deviations, are None where the table has no such column.
+    of freedom of estimated standard deviations, are None where the table has no such column; ``time_s`` (N,) where they
+    are not states of tracks.
     """
 
     position_m: FloatArray
@@ -43,6 +45,7 @@ class EstimateRows:
     used_share: FloatArray | None = None
     fit_p_value: FloatArray | None = None
     std_dof: FloatArray | None = None
+    time_s: FloatArray | None = None
 
     @property
     def answered(self) -> BoolArray:
@@ -69,6 +72,7 @@ class EstimateRows:
             used_share=None if self.used_share is None else self.used_share[rows],
             fit_p_value=None if self.fit_p_value is None else self.fit_p_value[rows],
             std_dof=None if self.std_dof is None else self.std_dof[rows],
+            time_s=None if self.time_s is None else self.time_s[rows],
         )
 
 
@@ -177,6 +181,7 @@ class _Tally:
     fit: FitTally = field(default_factory=FitTally)
     sums: FloatArray = field(default_factory=lambda: np.zeros(9))
     errors: list[FloatArray] = field(default_factory=list)
+    tracks: list[TrackErrors] = field(default_factory=list)
 
     def add(self, rows: EstimateRows) -> None:
         has_truth = np.isfinite(rows.truth_m).all(axis=1)
@@ -193,6 +198,9 @@ class _Tally:
         self.dimension = rows.position_m.shape[1]
         self.nees_degrees += int(unknowns.sum())
         self.errors.append(error)
+        if rows.time_s is not None:
+            self.tracks = self.tracks or [TrackErrors()]
+            self.tracks[0].add(rows.time_s, error, rows.covariance_m2)
         self.fit.add(answered, rows.used_share, rows.fit_p_value)
         self.answered += int(np.count_nonzero(answered))
         self.statuses += np.bincount(rows.status, minlength=len(Status))
@@ -223,6 +231,7 @@ class _Tally:
         self.inside = self.inside + other.inside
         self.sums = self.sums + other.sums
         self.errors.extend(other.errors)
+        self.tracks.extend(other.tracks)
 
     def summary(self) -> EstimateSummary:
         errors = np.concatenate(self.errors) if self.errors else np.zeros(0)
@@ -243,6 +252,7 @@ class _Tally:
             bias_x_m=bias_x,
             bias_y_m=bias_y,
             **self._heights(),
+            settling_time_s=float(np.max([track.settling_time_s() for track in self.tracks])) if self.tracks else None,
             mean_m=mean,
             median_m=median,
             p90_m=p90,

@@ -22,7 +22,8 @@ class EstimateSummary:
     ``bad_covariances`` counts covariances that are not positive definite. ``mean_used_share`` is the mean of
     ``used_share`` over the fixes, ``share_p_below_0001`` the share with a ``fit_p_value`` below 0.001, of those that
     have one. Of positions in space, errors, ``rmse_m`` and ellipsoids are in space; ``horizontal_rmse_m``,
-    ``vertical_rmse_m`` and ``bias_z_m`` are None in the plane.
+    ``vertical_rmse_m`` and ``bias_z_m`` are None in the plane. ``settling_time_s`` is of states of a track: the time
+    from the first one after which errors stay below three standard deviations (of several tracks the longest).
     """
 
     rows: int
@@ -38,6 +39,7 @@ class EstimateSummary:
     bias_x_m: float
     bias_y_m: float
     bias_z_m: float | None = None
+    settling_time_s: float | None = None
     mean_m: float
     median_m: float
     p90_m: float

@@ -40,6 +40,7 @@ _MODULES = {
     "space-ring": "nlosctl.scenarios.space_ring",
     "street": "nlosctl.scenarios.street",
     "triplets": "nlosctl.scenarios.scene_triplets",
+    "walk": "nlosctl.scenarios.walk",
 }
 
 

@@ -26,7 +26,8 @@ class ScenarioSpec:
 
     ``options`` is a frozen dataclass whose fields are its parameters, ``scene(options)`` returns its sensors and
     reflectors, and ``generate(options, generator, snapshots)`` samples that many snapshots, using only ``generator``.
-    ``of_scene(scene)`` returns the same scenario in a scene of the user's own; None: it has a scene of its own.
+    ``further`` are the columns that it generates beside those of the contract. ``of_scene(scene)`` returns the same
+    scenario in a scene of the user's own; None: it has a scene of its own.
     """
 
     name: str
@@ -36,6 +37,7 @@ class ScenarioSpec:
     options: type[Any]
     scene: Callable[[Any], Scene]
     generate: Callable[[Any, np.random.Generator, int], Columns]
+    further: tuple[str, ...] = ()
     of_scene: Callable[[Scene], ScenarioSpec] | None = None
 
 

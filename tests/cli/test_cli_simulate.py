@@ -30,6 +30,7 @@ OTHER_KINDS = [
     "space-ring",
     "street",
     "triplets",
+    "walk",
 ]
 """Scenarios that have tests of their own."""
 

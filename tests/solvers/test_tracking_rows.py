@@ -171,3 +171,51 @@ def test_flags_are_those_of_the_path() -> None:
     assert probability[off > 5.0].max() < 0.05
     assert probability[off < 2.0].min() > 0.5
     assert (np.array(flags["used"]) == los).all()
+
+
+@pytest.mark.parametrize(("kind", "method", "outliers"), [("bearings", "ml", 0.0), ("ranges", "mixture-ml", 0.1)])
+def test_a_filtered_state_is_the_last_of_the_path_through_the_rows_until_then(
+    kind: str, method: str, outliers: float
+) -> None:
+    """Later rows change a filtered state by less than 1e-2 of its std; the last one is the smoothed one."""
+    walk = Walk(kind, seed=4, size=36, outliers=outliers)
+    table = walk.table()
+    filtered, spread = states_of(nlosctl.track(table, method=method, acceleration_psd=walk.q, causal=True).estimates)
+    assert np.isnan(filtered[0, 2:].astype(float)).all()
+    for last in (5, 35):
+        shorter = table.filter(pc.less_equal(table.column("snapshot"), last))
+        states, until = states_of(nlosctl.track(shorter, method=method, acceleration_psd=walk.q).estimates)
+        std = np.sqrt(np.diagonal(until[-1]))
+        assert np.abs((filtered[last, :2] - states[-1, :2]) / std).max() < 1e-2
+        assert np.abs(spread[last] - until[-1]).max() < 2e-3 * np.trace(until[-1])
+
+
+def test_rows_one_by_one_find_a_path_from_several_snapshots_together() -> None:
+    """Snapshots of a single range have no fix; the search starts from fixes of several of them."""
+    walk = Walk("ranges", seed=6, size=40)
+    table = walk.table().sort_by("time_s")
+    table = table.set_column(0, "snapshot", pa.array(np.arange(table.num_rows)))
+    states, _ = states_of(nlosctl.track(table, acceleration_psd=walk.q).estimates)
+    time = np.array(table.column("time_s"))
+    truth = walk.path[np.rint(time).astype(int)]
+    place = truth[:, 0] + (time - np.rint(time))[:, None] * truth[:, 1]
+    assert np.sqrt(np.mean(np.sum((states[:, :2] - place) ** 2, axis=1))) < 1.2
+
+
+def test_a_track_that_starts_nowhere_is_degenerate() -> None:
+    """A single range, and two ranges to one anchor, are no path: no number is made up."""
+    table = pa.table(
+        {
+            "snapshot": [0, 1, 2],
+            "tag": ["a", "b", "b"],
+            "time_s": [0.0, 0.0, 1.0],
+            "sensor": ["s", "s", "s"],
+            "sensor_x_m": [0.0] * 3,
+            "sensor_y_m": [0.0] * 3,
+            "range_m": [5.0] * 3,
+            "range_std_m": [1.0] * 3,
+        }
+    )
+    found = nlosctl.track(table, acceleration_psd=1.0, by="tag").estimates
+    assert found.column("status").to_pylist() == ["degenerate"] * 3
+    assert found.column("x_m").null_count == found.column("cov_xx_m2").null_count == 3

@@ -51,6 +51,7 @@ _NUMBERS = (
     ("bias_x_m", "m", "mean error along x"),
     ("bias_y_m", "m", "mean error along y"),
     ("bias_z_m", "m", "mean error along z"),
+    ("settling_time_s", "s", "time of a track from which on errors stay below three stds (root of the trace)"),
     ("mean_m", "m", "mean distance from the truth"),
     ("median_m", "m", "median distance; empty if it falls on rows without a fix"),
     *((f"p{percent}_m", "m", f"{percent}th percentile of the distance") for percent in (90, 95, 99)),

@@ -40,7 +40,8 @@ _STATUSES = pa.array([status.word for status in Status])
 class EstimateArrays:
     """N estimates: position and truth (N, D), covariance (N, D (D + 1) / 2) as xx, xy, yy, xz, yz, zz; columns (N,).
 
-    ``used_share``, ``fit_p_value`` and ``std_dof`` are None where the table does not have them.
+    ``used_share``, ``fit_p_value`` and ``std_dof`` are None where the table does not have them, ``time_s`` where the
+    estimates are not states of tracks.
     """
 
     position_m: FloatArray
@@ -51,6 +52,7 @@ class EstimateArrays:
     used_share: FloatArray | None
     fit_p_value: FloatArray | None
     std_dof: FloatArray | None
+    time_s: FloatArray | None
 
 
 def estimate_arrays(table: Any, truth: TruthTable | None, name: str) -> EstimateArrays:
@@ -79,6 +81,7 @@ def estimate_arrays(table: Any, truth: TruthTable | None, name: str) -> Estimate
         alternative=np.asarray(table.column("alternative")).astype(np.int64),
         **fit_arrays(table),
         std_dof=numbers(table.column("std_dof")) if "std_dof" in table.column_names else None,
+        time_s=numbers(table.column("time_s")) if {"time_s", "vx_m_s"} <= set(table.column_names) else None,
     )
 
 

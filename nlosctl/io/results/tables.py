@@ -35,11 +35,15 @@ _LABELS = {column.name for column in SCORES.columns if column.type == "text"}
 
 
 def measurement_table(
-    kind: str, columns: Mapping[str, npt.NDArray[Any]], sweeps: SweepColumns | None = None, point: int = 0
+    kind: str,
+    columns: Mapping[str, npt.NDArray[Any]],
+    sweeps: SweepColumns | None = None,
+    point: int = 0,
+    further: Sequence[str] = (),
 ) -> Any:
     """Return flat columns (N,) of a kind of measurement as a table in the order of the contract; NaN becomes null.
 
-    The columns of ``sweeps`` follow, with the values of the sweep's point of this index.
+    The columns ``further`` follow, and those of ``sweeps`` with the values of the sweep's point of this index.
     """
     arrays: dict[str, Any] = {}
     for column in KINDS[kind].all_columns:
@@ -48,6 +52,7 @@ def measurement_table(
             arrow_type = pa.string() if values.dtype.kind not in "iu" else pa.int64()
             missing = np.isnan(values) if values.dtype.kind == "f" else None
             arrays[name] = pa.array(values, ARROW_TYPES.get(column.type, arrow_type), mask=missing)
+    arrays |= {name: pa.array(columns[name]) for name in further}
     if sweeps is not None:
         points = np.full(len(arrays["snapshot"]), point)
         arrays |= {name: sweeps.take(name, points) for name in sweeps.names}

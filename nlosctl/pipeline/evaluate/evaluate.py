@@ -81,6 +81,7 @@ def _evaluate_estimates(
                 used_share=arrays.used_share,
                 fit_p_value=arrays.fit_p_value,
                 std_dof=arrays.std_dof,
+                time_s=arrays.time_s,
             )
             group, keys = group_codes(table, grouping)
             if best_alternative:

@@ -82,7 +82,8 @@ class Simulation:
         for point, options in enumerate(self._options):
             for columns in draw_snapshots(self._spec, options, self._seed, self._trials):
                 snapshot = columns["snapshot"] + np.int64(point * self._trials)
-                yield measurement_table(self.kind, {**columns, "snapshot": snapshot}, self._sweeps, point)
+                columns = {**columns, "snapshot": snapshot}
+                yield measurement_table(self.kind, columns, self._sweeps, point, self._spec.further)
 
     def _common_scene(self) -> Scene:
         """Return the scene of all points, without sensors that move: the rows have their positions."""
@@ -99,7 +100,7 @@ class Simulation:
     def _common_schema(self) -> Any:
         """Return the Arrow schema of the tables, the same at every point."""
         first = [draw_block(self._spec, options, self._seed, 0, 1) for options in self._options]
-        tables = [measurement_table(self.kind, columns, self._sweeps) for columns in first]
+        tables = [measurement_table(self.kind, columns, self._sweeps, 0, self._spec.further) for columns in first]
         if any(table.schema != tables[0].schema for table in tables):
             raise UsageError(
                 f"`sweep` {', '.join(self._sweep)}: its values give files of different columns; "

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray, IntArray
+from nlosctl.arrays import FloatArray, IntArray, SeedArray
 from nlosctl.contract.random_streams import snapshot_seeds
 from nlosctl.contract.results import Flags
 from nlosctl.contract.run_options import OutputOptions, SolveOptions
@@ -27,6 +27,7 @@ from nlosctl.pipeline.solve.report import RunReport
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolver, dense_batch, dense_blocks
 from nlosctl.pipeline.solve.target_heights import heights_remark, refuse_dimension, with_target_heights
 from nlosctl.pipeline.track.measured_snapshots import Collected, MeasuredSnapshots
+from nlosctl.pipeline.track.merged_fixes import with_merged_fixes
 from nlosctl.pipeline.track.state_flags import RowResults, row_results
 from nlosctl.pipeline.track.track_options import TrackOptions
 from nlosctl.pipeline.track.track_table import SnapshotStates, density_note, optional_columns, track_estimates
@@ -92,7 +93,7 @@ class MeasuredRun:
         """Yield the states and flags of each chunk, after all have been read and solved."""
         for position, covariance in map_in_processes(self._fixes, self._read(), self._options.jobs):
             self._collected.add_fixes(position, covariance)
-        snapshots = self._collected.together()
+        snapshots = with_merged_fixes(self._collected.together(), self._fixes_of)
         paths = track_rows(self._tracked(snapshots), self._own.density)
         results = row_results(paths, *self._rows_of, snapshots.left_out.shape[0])
         start = first = 0
@@ -114,11 +115,12 @@ class MeasuredRun:
 
     def _fixes(self, chunk: Chunk) -> tuple[FloatArray, FloatArray]:
         """Return the fixes (S, D) of a chunk's snapshots by the method, with covariances (S, D, D), else NaN."""
+        randomized = self._run.spec.randomized
+        return self._fixes_of(chunk, snapshot_seeds(self._options.seed, chunk.snapshot_ids()) if randomized else None)
+
+    def _fixes_of(self, chunk: Chunk, seeds: SeedArray | None = None) -> tuple[FloatArray, FloatArray]:
         dimension, size = self.reader.dimension, len(chunk.snapshot)
-        seeds = np.zeros(size, dtype=np.uint64)
-        if self._run.spec.randomized:
-            seeds = snapshot_seeds(self._options.seed, chunk.snapshot_ids())
-        estimates = self._solver.solve(chunk, seeds).estimates
+        estimates = self._solver.solve(chunk, np.zeros(size, dtype=np.uint64) if seeds is None else seeds).estimates
         assert estimates is not None  # noqa: S101 - the method estimates
         best = (estimates.alternative == 0) & np.isfinite(estimates.covariance_m2[:, 0])
         position, covariance = np.full((size, dimension), np.nan), np.full((size, dimension, dimension), np.nan)
@@ -153,6 +155,7 @@ class MeasuredRun:
             snapshots.fix_m2,
             self._own.gap_s,
             self._run.spec.direct_rows is not None,
+            self._own.causal,
         )
 
     def _tables(
@@ -222,8 +225,6 @@ class MeasuredRun:
         refuse_dimension([self._run], reader.dimension, self._options.field)
         if reader.scene.frame is not None and reader.scene.frame.on_ellipsoid:
             raise UsageError("tracks on the earth are of two dimensions; set `dimensions` to 2")
-        if self._own.causal:
-            raise UsageError("`causal` is for tracks through estimates: localize first, and track the estimates")
         if self._run.open_options:
             raise UsageError(f"`parameters` {self._run.open_options[0]}=estimate: set a number to track with")
         if reader.dimension == 3 and (self._options.target_z_m is not None or "target_z_m" in reader.column_names):

@@ -19,7 +19,7 @@ from nlosctl.solvers.tracking.motion import Motion
 from nlosctl.solvers.tracking.path_rows import PathRows, RowTerms
 from nlosctl.solvers.tracking.states import state_sums
 
-__all__ = ["FoundPaths", "MeasuredTracks", "RowsAtStates", "StateTerms", "find_paths", "moved_terms"]
+__all__ = ["FoundPaths", "MeasuredTracks", "Prior", "RowsAtStates", "StateTerms", "find_paths", "moved_terms"]
 
 _SETTLED_NATS = 1e-9
 """A track has settled when a step gains less than this."""
@@ -41,6 +41,11 @@ class RowsAtStates:
     state: IntArray
     origin_m: FloatArray
     delay_s: FloatArray
+
+    def take(self, index: IntArray, state: IntArray, delay_s: FloatArray | None = None) -> RowsAtStates:
+        """Return the snapshots ``index`` (C,), repeated or not, with other states (C,)."""
+        delay_s = self.delay_s[index] if delay_s is None else delay_s
+        return RowsAtStates(self.rows.take(index), state, self.origin_m[index], delay_s)
 
     def compare(self, states: FloatArray, tempering: float = 1.0) -> RowTerms:
         """Return the terms of the rows on the path of ``states`` (N, 2D)."""
@@ -66,12 +71,47 @@ class StateTerms:
 
 
 @dataclass(frozen=True)
+class Prior:
+    """What is known of N states by other rows: information (N, 2D, 2D), and its gradient (N, 2D) at states (N, 2D)."""
+
+    information: FloatArray
+    gradient: FloatArray
+    at: FloatArray
+
+    def take(self, kept: BoolArray) -> Prior:
+        """Return some of the states (N,)."""
+        return Prior(self.information[kept], self.gradient[kept], self.at[kept])
+
+    def add(self, total: StateTerms, states: FloatArray) -> None:
+        """Add the cost, its gradient and matrix at states (N, 2D)."""
+        away = states - self.at
+        pull = np.einsum("nij,nj->ni", self.information, away)
+        total.cost[...] += np.sum(away * (0.5 * pull + self.gradient), axis=1)
+        total.gradient[...] += pull + self.gradient
+        total.matrix[...] += self.information
+
+
+@dataclass(frozen=True)
 class MeasuredTracks:
-    """The rows of all tracks and their motion."""
+    """The rows of all tracks, their motion, and what is known of states before, if anything is."""
 
     blocks: Sequence[RowsAtStates]
     motion: Motion
     dimension: int
+    prior: Prior | None = None
+
+    def only(self, tracks: BoolArray) -> MeasuredTracks:
+        """Return some of the tracks (T,)."""
+        kept = tracks[self.motion.track]
+        if kept.all():
+            return self
+        number = np.cumsum(kept) - 1
+        blocks = []
+        for block in self.blocks:
+            index = np.flatnonzero(kept[block.state])
+            if index.size:
+                blocks.append(block.take(index, number[block.state[index]]))
+        return MeasuredTracks(blocks, self.motion.take(kept), self.dimension, self.prior and self.prior.take(kept))
 
     def terms(self, states: FloatArray, tempering: float = 1.0) -> StateTerms:
         """Return what all rows add at the path of ``states`` (N, 2D)."""
@@ -83,6 +123,8 @@ class MeasuredTracks:
             total.cost[...] += state_sums(found.cost, block.state, size)
             total.gradient[...] += state_sums(gradient, block.state, size)
             total.matrix[...] += state_sums(matrix, block.state, size)
+        if self.prior is not None:
+            self.prior.add(total, states)
         alone = self.motion.alone
         if alone.any():  # at rest: the velocity is held, not estimated
             total.gradient[alone, self.dimension :] = 0.0
@@ -137,13 +179,44 @@ class FoundPaths:
 def find_paths(
     tracks: MeasuredTracks, states: FloatArray, tempering: float = 1.0, most: int = _MOST_STEPS
 ) -> FoundPaths:
-    """Return the paths at the minimum near ``states`` (N, 2D), and their covariances, those of the direct rows."""
+    """Return the paths at the minimum near ``states`` (N, 2D), and their covariances, those of the direct rows.
+
+    Tracks that have settled are left out of further steps.
+    """
+    count, states = tracks.motion.first.shape[0], states.copy()
+    settled, damping, rest, part = np.zeros(count, dtype=bool), np.zeros(count), np.arange(count), tracks
+    while rest.size and most > 0:
+        mine = np.isin(tracks.motion.track, rest)
+        found = _search(part, states[mine], damping[rest], tempering, most)
+        states[mine], settled[rest], damping[rest] = found.states, found.settled, found.damping
+        most -= found.steps
+        part, rest = part.only(~found.settled), rest[~found.settled]
+    motion, terms = tracks.motion, tracks.terms(states, tempering)
+    diagonal, coupling = motion.blocks(tracks.dimension)
+    factors = BlockTridiagonal(diagonal + terms.matrix, coupling, motion.within)
+    return FoundPaths(finished_path(states, factors, terms.cost + motion.cost(states), terms.matrix, motion), settled)
+
+
+@dataclass(frozen=True)
+class _Searched:
+    """The states (N, 2D) after some steps; which tracks (T,) have settled, and their damping (T,)."""
+
+    states: FloatArray
+    settled: BoolArray
+    damping: FloatArray
+    steps: int
+
+
+def _search(tracks: MeasuredTracks, states: FloatArray, damping: FloatArray, tempering: float, most: int) -> _Searched:
+    """Return the states after damped Gauss-Newton steps, until half of the tracks have settled."""
     motion, track = tracks.motion, tracks.motion.track
     diagonal, coupling = motion.blocks(tracks.dimension)
     terms = tracks.terms(states, tempering)
     cost = tracks.cost(states, terms)
-    damping, settled = np.zeros(cost.shape), np.zeros(cost.shape, dtype=bool)
-    for _ in range(most):
+    settled = np.zeros(cost.shape, dtype=bool)
+    count = 0
+    while count < most:
+        count += 1
         damped = terms.matrix * (1.0 + damping[track])[:, None, None]
         factors = BlockTridiagonal(diagonal + damped, coupling, motion.within)
         gradient = motion.gradient(states) + terms.gradient
@@ -151,7 +224,7 @@ def find_paths(
         step[settled[track] | factors.singular] = 0.0
         gain = 0.5 * np.bincount(track, np.sum(step * gradient, axis=1), minlength=cost.shape[0])
         settled |= gain <= _SETTLED_NATS + _ROUNDING * np.abs(cost)
-        if settled.all():
+        if 2 * np.count_nonzero(settled) >= settled.size:
             break
         trial = states - step
         trial_terms = tracks.terms(trial, tempering)
@@ -160,8 +233,7 @@ def find_paths(
         worse = ~settled & ~better
         damping[better] = np.where(damping[better] > 10.0 * _LEAST_DAMPING, 0.1 * damping[better], 0.0)
         damping[worse] = np.maximum(10.0 * damping[worse], _LEAST_DAMPING)
-        if (damping > _MOST_DAMPING).any():
-            settled |= damping > _MOST_DAMPING
+        settled |= damping > _MOST_DAMPING
         moved = better[track]
         states = np.where(moved[:, None], trial, states)
         terms = StateTerms(
@@ -170,6 +242,4 @@ def find_paths(
             np.where(moved[:, None, None], trial_terms.matrix, terms.matrix),
         )
         cost = np.where(better, trial_cost, cost)
-    factors = BlockTridiagonal(diagonal + terms.matrix, coupling, motion.within)
-    per_state = terms.cost + motion.cost(states)
-    return FoundPaths(finished_path(states, factors, per_state, terms.matrix, motion), settled)
+    return _Searched(states, settled, damping, count)

@@ -42,6 +42,10 @@ class Motion:
         """Return the same motion with another q."""
         return replace(self, density=np.broadcast_to(np.asarray(density, dtype=np.float64), self.within.shape))
 
+    def take(self, kept: BoolArray) -> Motion:
+        """Return the motion of whole tracks, whose states (N,) are ``kept``."""
+        return Motion(self.within[kept], self.step_s[kept], self.density[kept])
+
     @cached_property
     def moves(self) -> BoolArray:
         """Which states (N,) have a state after them in their track."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.solvers.tracking.acceleration import DensityEstimate, close_times, likeliest_density
+from nlosctl.solvers.tracking.filtered_rows import filter_paths
 from nlosctl.solvers.tracking.fix_paths import track_origins
 from nlosctl.solvers.tracking.fixes import Fixes
 from nlosctl.solvers.tracking.measured_paths import FoundPaths, MeasuredTracks, RowsAtStates, find_paths
@@ -43,6 +44,7 @@ class TrackedRows:
     fix_m2: FloatArray
     gap_s: float
     is_mixture: bool
+    causal: bool = False
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,9 @@ def track_rows(tracked: TrackedRows, density: float | None) -> RowPaths:
     last: list[FloatArray] = []
 
     def tracks_at(q: float) -> tuple[States, MeasuredTracks]:
-        of = order_states(tracked.key, tracked.time_s, tracked.gap_s, close_times(tracked.key, variance, q))
+        of = order_states(
+            tracked.key, tracked.time_s, tracked.gap_s, close_times(tracked.key, variance, q) * (not tracked.causal)
+        )
         at = [
             RowsAtStates(
                 block.rows,
@@ -102,10 +106,28 @@ def track_rows(tracked: TrackedRows, density: float | None) -> RowPaths:
     chosen = likeliest_density(log_evidence, 1.0) if density is None else DensityEstimate(density, True)
     last.clear()
     of, tracks, found = search(chosen.density)
-    at, path = of.of_snapshot, found.path
+    at, path, settled = of.of_snapshot, found.path, found.settled[tracks.motion.track]
+    if tracked.causal:
+        path, settled = filter_paths(tracks, path.states, _own_fixes(fixes, of, path.states))
+    known_path = path.known & _have_starts(tracks.motion, of, fixes.known)
     states, covariance = at_offset(path.states[at], path.covariance[at], of.offset_s)
-    settled = found.settled[tracks.motion.track]
     return RowPaths(
-        states, covariance, origin, path.known[at], path.moving[at], settled[at], of, tracks.blocks, path.states,
+        states, covariance, origin, known_path[at], path.moving[at], settled[at], of, tracks.blocks, path.states,
         tracks.motion.first.shape[0], chosen,
     )  # fmt: skip
+
+
+def _have_starts(motion: Motion, of: States, fixed: BoolArray) -> BoolArray:
+    """Return which states (N,) are of tracks with two fixes, or of a single state and one: others start nowhere."""
+    count = np.bincount(motion.track[of.of_snapshot], fixed, minlength=motion.first.shape[0])
+    return np.asarray(count[motion.track] >= np.where(motion.alone, 1, 2))
+
+
+def _own_fixes(fixes: Fixes, of: States, states: FloatArray) -> FloatArray:
+    """Return states (N, 2D) at rest at a fix of their own, those of ``states`` where there is no fix."""
+    dimension = fixes.position_m.shape[1]
+    own = states.copy()
+    own[:, dimension:] = 0.0
+    known = np.flatnonzero(fixes.known)
+    own[of.of_snapshot[known], :dimension] = fixes.position_m[known]
+    return own
