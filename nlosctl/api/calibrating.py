@@ -55,6 +55,7 @@ def calibrate(
     truth: Any | None = None,
     offset_prior_m: float | None = None,
     offset_prior_deg: float | None = None,
+    harmonics: int = 0,
     scene: SceneLike = None,
     crs: str | None = None,
     origin: tuple[float, float] | None = None,
@@ -74,7 +75,8 @@ def calibrate(
 
     ``truth`` is a table of true positions (or its path), or ``columns``: those of the measurements themselves; without
     it the positions are estimated too. ``offset_prior_m`` or ``offset_prior_deg`` is the standard deviation of a prior
-    of mean zero. ``by`` names columns for whose values offsets are separate. The other arguments are those of
+    of mean zero. ``by`` names columns for whose values offsets are separate. With ``harmonics`` bearings have
+    deviations that depend on the direction relative to the heading, up to that order. The other arguments are those of
     `localize`, ``parameters`` those of the method, ``ml`` or ``mixture-ml``.
 
     Raises DataError for faults of the data, UsageError for an unknown method or parameter.
@@ -94,6 +96,6 @@ def calibrate(
     with set_aside(bad_rows) as aside:
         write = OutputOptions(**aside.options)
         report = calibrate_job.calibrate(
-            inputs_of(table), read, options, write, Destination(), truth=known, prior=prior
+            inputs_of(table), read, options, write, Destination(), truth=known, prior=prior, harmonics=harmonics
         )
         return SensorCalibration(report=report, **aside.tables())

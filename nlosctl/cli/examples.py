@@ -20,6 +20,7 @@ EXAMPLES = {
     "calibrate": (
         "nlosctl calibrate bearings.csv -o calibration.toml",
         "nlosctl calibrate -m mixture-ml bearings.csv -o robust.toml",
+        "nlosctl calibrate turn.csv --harmonics 2 --window all -o array.toml",
     ),
     "track": (
         "nlosctl track timed.csv -p acceleration_psd=0.1 -o path.csv",

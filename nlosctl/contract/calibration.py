@@ -1,6 +1,7 @@
 """Calibrations: the offset of each sensor, the covariance of the offsets, and factors of standard deviations.
 
-Imports no numpy: the options of a run name this class.
+The deviation of an array of bearings has harmonics beside its offset, see `nlosctl.geometry.angles`. Imports no
+numpy: the options of a run name this class.
 """
 
 from __future__ import annotations
@@ -12,7 +13,10 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from nlosctl.arrays import FloatArray
 
-__all__ = ["OFFSETS", "Calibration", "OffsetKind", "SensorOffset"]
+__all__ = ["OFFSETS", "Calibration", "Harmonic", "OffsetKind", "SensorOffset"]
+
+_MOST_SECTORS, _SECTORS, _MOST_ROWS = 360, 24, 2000
+"""Most and fewest sectors of a turn, and so many of all sensors."""
 
 
 _LEAST_DOF = 3.0
@@ -45,12 +49,27 @@ OFFSETS = {
 
 
 @dataclass(frozen=True, kw_only=True)
+class Harmonic:
+    """The part of an array's deviation that repeats ``order`` times a turn: its cosine and sine, in degrees.
+
+    Standard deviations are None where the coefficient is not determined.
+    """
+
+    order: int
+    cos: float = 0.0
+    sin: float = 0.0
+    cos_std: float | None = None
+    sin_std: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class SensorOffset:
     """The offset of a sensor, and the factor ``std_scale`` of its stated standard deviations.
 
     ``group`` are the values of the calibration's columns, in their order, for which the entry holds. ``std`` is None
     where the offset is not determined; both are in the unit of files, see `OffsetKind`. ``std_dof`` are the degrees of
-    freedom that the factor was estimated with, None if it is exact.
+    freedom that the factor was estimated with, None if it is exact. ``harmonics`` are those of the orders 1, 2, ... of
+    its deviation.
     """
 
     name: str
@@ -59,6 +78,7 @@ class SensorOffset:
     std: float | None = None
     std_scale: float = 1.0
     std_dof: float | None = None
+    harmonics: tuple[Harmonic, ...] = ()
 
     @property
     def std_factor(self) -> float:
@@ -72,6 +92,11 @@ class SensorOffset:
         return self.std_scale * sqrt(dof / (dof - 2.0))
 
     @property
+    def terms(self) -> tuple[float, ...]:
+        """The offset, and the cosine and sine of each harmonic."""
+        return (self.offset, *(term for part in self.harmonics for term in (part.cos, part.sin)))
+
+    @property
     def key(self) -> tuple[str, ...]:
         """The name and the group."""
         return (self.name, *self.group)
@@ -81,7 +106,8 @@ class SensorOffset:
 class Calibration:
     """The offsets of the sensors of one kind of measurement, by name and by the values of the columns ``by``.
 
-    ``covariance`` (J, J) is that of the offsets of the entries ``order`` (indices), in squares of the unit of files.
+    All entries have as many ``harmonics``, so that each has T = 1 + 2 ``harmonics`` terms, numbered by the entry, then
+    the term. ``covariance`` (J, J) is that of the terms ``order`` (numbers), in squares of the unit of files.
     ``source`` is the file that it is from.
     """
 
@@ -91,17 +117,45 @@ class Calibration:
     order: tuple[int, ...] = ()
     covariance: FloatArray | None = None
     source: str = "the calibration"
+    harmonics: int = 0
 
     @property
     def quantity(self) -> OffsetKind:
         """The names and the unit of the offsets."""
         return OFFSETS[self.kind]
 
+    @property
+    def terms(self) -> int:
+        """The number of terms of an entry."""
+        return 1 + 2 * self.harmonics
+
+    @property
+    def sectors(self) -> int:
+        """The number of sectors of a turn that errors are correlated by: 1 where they do not depend on the direction.
+
+        Within a sector of the direction relative to the heading the error of the deviation is that of its middle.
+        """
+        return 1 if not self.harmonics else max(min(_MOST_SECTORS, _MOST_ROWS // max(len(self.entries), 1)), _SECTORS)
+
     def correlated(self) -> FloatArray:
-        """Return the covariance (E, E) of all entries, in squares of the unit of the column; zeros where unknown."""
+        """Return the covariance of all entries, each in all `sectors`, in squares of the unit of the column.
+
+        Zeros where it is unknown.
+        """
         import numpy as np
 
-        whole = np.zeros((len(self.entries),) * 2)
+        whole = np.zeros((len(self.entries) * self.terms,) * 2)
         if self.covariance is not None and self.order:
             whole[np.ix_(self.order, self.order)] = self.covariance * self.quantity.scale**2
-        return whole
+        if not self.harmonics or not self.entries:
+            return whole
+        from nlosctl.geometry.angles import deviation, deviation_terms
+
+        edges = np.linspace(-pi, pi, 2 * self.sectors + 1)
+        per_term = np.zeros((len(self.entries), self.sectors, whole.shape[0]))
+        for number, entry in enumerate(self.entries):
+            of = slice(number * self.terms, (number + 1) * self.terms)
+            _, slope = deviation(edges[1::2], np.array(entry.terms) * self.quantity.scale)
+            per_term[number, :, of] = deviation_terms(edges[1::2], self.terms) / (1.0 + slope[:, None])
+        rows = per_term.reshape(-1, whole.shape[0])
+        return np.asarray(rows @ whole @ rows.T)

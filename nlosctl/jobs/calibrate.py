@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import Any
 
-from nlosctl.contract.calibration import OFFSETS
+from nlosctl.contract.calibration import OFFSETS, Calibration
 from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE
 from nlosctl.contract.run_options import InputOptions, OutputOptions, SolveOptions
 from nlosctl.contract.tables import TRUTH_HEIGHT
@@ -28,6 +29,9 @@ from nlosctl.jobs.files import (
 )
 from nlosctl.jobs.solve import input_passes, readable_again
 from nlosctl.pipeline.calibrate.calibration_report import CalibrationReport
+from nlosctl.pipeline.calibrate.deviation_passes import estimate_deviations
+from nlosctl.pipeline.calibrate.deviation_report import DeviationReport
+from nlosctl.pipeline.calibrate.deviation_sums import DeviationSums
 from nlosctl.pipeline.calibrate.known_positions import OWN_COLUMNS, KnownPositions
 from nlosctl.pipeline.calibrate.offset_passes import estimate_offsets
 from nlosctl.pipeline.calibrate.offset_sums import OffsetSums
@@ -36,6 +40,8 @@ from nlosctl.pipeline.solve.method_runs import MethodRun, method_runs
 from nlosctl.pipeline.solve.target_heights import refuse_dimension
 
 __all__ = ["Prior", "calibrate"]
+
+_MOST_HARMONICS = 8
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -65,17 +71,19 @@ def calibrate(
     *,
     truth: str | Sequence[Input] | None = None,
     prior: Prior | None = None,
+    harmonics: int = 0,
 ) -> CalibrationReport:
     """Estimate the offsets of the sensors of measurements, and write them; return the report.
 
     The columns ``by`` of ``read`` have offsets of their own for each value. ``truth`` is a table of true positions, or
-    ``columns``: those of the input. The targets are ``calibration`` (TOML) and ``table``, with a row per sensor. Raises
-    DataError for faults of the data, UsageError for options that don't suit them.
+    ``columns``: those of the input. The targets are ``calibration`` (TOML) and ``table``, with a row per sensor. With
+    ``harmonics`` bearings have deviations that depend on the direction relative to the heading, up to that order.
+    Raises DataError for faults of the data, UsageError for options that don't suit them.
     """
     options = dataclasses.replace(options, jobs=options.jobs or usable_jobs(0))
     by = tuple(read.by)
     used = (*by, *TRUTH_NAMES, TRUTH_HEIGHT.name) if truth == OWN_COLUMNS else by
-    read = _read_options(read, options, used)
+    read = _read_options(read, options, used, harmonics)
     with naming_importer(inputs):
         given = open_inputs(inputs, read.input_format)
     table = _truth_table(truth)
@@ -87,40 +95,54 @@ def calibrate(
         targets = [*destination.targets.values(), None if write.report == "-" else write.report]
         check_targets(targets, overwrite=write.overwrite, inputs=opened.protected)
         known = None if truth is None else KnownPositions.of(opened.reader, table)
-        sums = _sums(opened.reader, options, by, known)
+        sums = _sums(opened.reader, options, by, known, harmonics)
         prior_std = (prior or Prior()).std(sums.kind)
         opened.set_bad_rows_aside(write, outputs)
         _count_rows(opened.reader, destination)
         passes, show = input_passes(opened, options, write), destination.console.detail
-        estimate = estimate_offsets(sums, prior_std, passes, ("sensor", *used), show, opened.reader.report.snapshots)
-        report = CalibrationReport.of(estimate, sums, opened.reader, prior_std)
+        columns = ("sensor", *used)
+        report: CalibrationReport
+        if isinstance(sums, DeviationSums):
+            deviations = estimate_deviations(sums, prior_std, passes, columns, show)
+            report = DeviationReport.of_deviations(deviations, sums, opened.reader, prior_std)
+        else:
+            estimate = estimate_offsets(sums, prior_std, passes, columns, show, opened.reader.report.snapshots)
+            report = CalibrationReport.of(estimate, sums, opened.reader, prior_std)
         _write(report, write, destination, outputs)
     return report
 
 
-def _read_options(read: InputOptions, options: SolveOptions, used: tuple[str, ...]) -> InputOptions:
+def _read_options(read: InputOptions, options: SolveOptions, used: tuple[str, ...], harmonics: int) -> InputOptions:
     """Return the options of reading with the columns ``used``; raise UsageError for an uncertain speed."""
+    if not 0 <= harmonics <= _MOST_HARMONICS:
+        raise UsageError(f"`harmonics` must be at most {_MOST_HARMONICS}. Got {harmonics} instead.")
     if read.speed_std_m_s:
         raise UsageError("a calibration takes the speed of the wave as exactly known; leave `speed_std_m_s` out")
     by = () if read.window is None else read.by
-    return dataclasses.replace(read, use_threads=options.jobs != 1, by=by, extra_columns=used)
+    headings = Calibration(kind="bearings", harmonics=harmonics) if harmonics else None
+    return dataclasses.replace(read, use_threads=options.jobs != 1, by=by, extra_columns=used, calibration=headings)
 
 
 def _sums(
-    reader: MeasurementReader, options: SolveOptions, by: tuple[str, ...], known: KnownPositions | None
+    reader: MeasurementReader, options: SolveOptions, by: tuple[str, ...], known: KnownPositions | None, harmonics: int
 ) -> OffsetSums:
     """Return the statistic of the passes, from offsets of zero; raise the errors of groups and of the method."""
     require_columns(by, reader)
-    return OffsetSums(
-        kind=reader.kind,
-        dimension=reader.dimension,
-        scene=reader.scene,
-        run=_method_run(reader, options),
-        options=options,
-        by=by,
-        current={},
-        truth=known,
-    )
+    given: dict[str, Any] = {
+        "kind": reader.kind,
+        "dimension": reader.dimension,
+        "scene": reader.scene,
+        "run": _method_run(reader, options),
+        "options": options,
+        "by": by,
+        "current": {},
+        "truth": known,
+    }
+    if not harmonics:
+        return OffsetSums(**given)
+    if reader.dimension != 2:
+        raise UsageError("`harmonics` are of bearings in two dimensions; set `dimensions` to 2")
+    return DeviationSums(**given, harmonics=harmonics)
 
 
 def _count_rows(reader: MeasurementReader, destination: Destination) -> None:

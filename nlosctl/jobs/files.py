@@ -76,12 +76,16 @@ def with_calibration(read: InputOptions) -> InputOptions:
     from nlosctl.io.calibrations.calibration_file import read_calibration
 
     known = read.calibration if isinstance(read.calibration, Calibration) else read_calibration(read.calibration)
+    if known.harmonics and read.window_keep == "mean":
+        raise UsageError("deviations depend on the heading of each row: `window_keep` must be all or nearest")
     extra = None if read.extra_columns is None else (*read.extra_columns, *known.by)
     return dataclasses.replace(read, calibration=known, extra_columns=extra)
 
 
 def _check_calibration(calibration: Calibration, reader: MeasurementReader) -> None:
     """Raise DataError for a calibration of another kind, or by a column that the input lacks."""
+    if calibration.kind != reader.kind and not calibration.entries:
+        raise UsageError(f"`harmonics` are of bearings, and the input has {reader.kind}; leave it out")
     if calibration.kind != reader.kind:
         raise DataError(
             f"{calibration.source}: has {calibration.quantity.name}, offsets of {calibration.kind}, but the input has "

@@ -6,10 +6,12 @@ import shlex
 import shutil
 from pathlib import Path
 
+import pyarrow.csv
 import pytest
 from test_reference import leaves
 
 from nlosctl.cli.examples import EXAMPLES
+from tests.support.deviation_worlds import drive
 from tests.support.program import run_here
 
 ROOT = Path(__file__).parents[2]
@@ -30,6 +32,7 @@ def _make_inputs(folder: Path) -> None:
     (folder / "angles.csv").write_text("\n".join([angles[0].replace("bearing_rad", "Angle"), *angles[1:], ""]))
     timed = [f"{second},{second / 2},{second % 3},1,0,1" for second in range(20)]
     (folder / "timed.csv").write_text("\n".join(["time_s,x_m,y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2", *timed, ""]))
+    pyarrow.csv.write_csv(drive(60)[0], folder / "turn.csv")
     shutil.move(folder / "bearings.csv", folder / "ring.csv")
     swept = run_here("simulate", "ring", "-n", "20", "--sweep", "sensors=4,8", "-q", folder=folder)
     for words in (

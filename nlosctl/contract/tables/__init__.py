@@ -9,7 +9,7 @@ from nlosctl.contract.tables.added import ADDED_COLUMNS, ELLIPSE
 from nlosctl.contract.tables.arrivals import ARRIVALS
 from nlosctl.contract.tables.bearings_ranges import BEARINGS, RANGES
 from nlosctl.contract.tables.bound import BOUND
-from nlosctl.contract.tables.calibration import CALIBRATION
+from nlosctl.contract.tables.calibration import CALIBRATION, DEVIATIONS
 from nlosctl.contract.tables.columns import SWEEP_PREFIX, Column, ColumnType, Spelling, Table, is_swept
 from nlosctl.contract.tables.motion import FIXES, PART, VELOCITY
 from nlosctl.contract.tables.results import ESTIMATES, FLAGS, TRUTH
@@ -25,6 +25,7 @@ __all__ = [
     "BEARINGS",
     "BOUND",
     "CALIBRATION",
+    "DEVIATIONS",
     "EARTH_PLACES",
     "ELLIPSE",
     "ESTIMATES",
@@ -58,7 +59,7 @@ KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS, RANGES, TRI
 
 _TABLES_OF_ROWS = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS, TRACE, BOUND, SCORES, TRUTH)}}
 
-TABLES: dict[str, Table] = {**_TABLES_OF_ROWS, CALIBRATION.name: CALIBRATION}
+TABLES: dict[str, Table] = {**_TABLES_OF_ROWS, CALIBRATION.name: CALIBRATION, DEVIATIONS.name: DEVIATIONS}
 """Every table by its name; ``schemas/`` has one file for each."""
 
 

@@ -124,9 +124,9 @@ class Table:
     that estimates of single measurements carry. ``together`` names alternative groups of optional columns: a
     file has all columns of one alternative or none of any, and so has every row. ``covariances`` names the entries xx,
     xy, yy of matrices that must be positive definite. ``times`` are columns with the time of a row: they count among
-    ``columns`` only where times are needed (`with_times`), elsewhere columns of these names are copied as they are. The
-    same holds for ``space`` in three dimensions (`in_space`): ``dimension`` is that of the positions that the columns
-    locate.
+    ``columns`` only where times are needed (`with_further`), elsewhere columns of these names are copied as they are.
+    The same holds for ``space`` in three dimensions (`in_space`): ``dimension`` is that of the positions that the
+    columns locate.
     """
 
     name: str
@@ -140,9 +140,12 @@ class Table:
     space: tuple[Column, ...] = ()
     dimension: int = 2
 
-    def with_times(self) -> Table:
-        """Return the table with the times among its columns."""
-        return replace(self, columns=(*self.columns, *self.times), times=())
+    def with_further(self, *, times: bool, headings: bool) -> Table:
+        """Return the table with the times among its columns, and the headings in every file that has them."""
+        columns, rest = (*self.columns, *(self.times if times else ())), () if times else self.times
+        if headings:  # not with relative directions only
+            columns = tuple(replace(part, only_with=None) if part.name == "heading_deg" else part for part in columns)
+        return replace(self, columns=columns, times=rest)
 
     def in_space(self) -> Table:
         """Return the table in three dimensions, with heights and elevations among its columns."""

@@ -14,6 +14,14 @@ from nlosctl.arrays import FloatArray
 from nlosctl.contract.calibration import OFFSETS, Calibration, OffsetKind, SensorOffset
 from nlosctl.contract.limits import LARGEST_NUMBER, parse_toml, read_limited
 from nlosctl.errors import DataError, did_you_mean, hide_secrets
+from nlosctl.io.calibrations.harmonic_entries import (
+    HARMONIC,
+    harmonic_values,
+    harmonics_of,
+    refuse_steep,
+    stds_of_terms,
+    term_keys,
+)
 from nlosctl.io.paths.locations import location, near_name
 from nlosctl.io.scenes.scene_file import toml_value
 
@@ -22,6 +30,9 @@ __all__ = ["calibration_digest", "calibration_from_toml", "calibration_to_toml",
 _TABLES = ("calibration", "sensor", "covariance")
 _SYMMETRIC = 1e-9
 """Entries of a covariance that differ by more than this share of their variances are not symmetric."""
+
+_DEVIATION = """
+#  + sum over the orders m of cos_deg cos(m phi) + sin_deg sin(m phi), phi the true bearing less the heading"""
 
 _NEGATIVE = 1e-6
 """Eigenvalues of correlations down to this much below zero are rounding."""
@@ -61,13 +72,31 @@ def calibration_from_toml(text: str, name: str) -> Calibration:
                 f"{name}: sensor[{index}]: {_label(entry.key)} is sensor[{first[entry.key]}] already; give each sensor "
                 "one entry"
             )
-    order, covariance = _covariance(tree.get("covariance", {}), first, f"{name}: covariance")
-    more = [index for index, entry in enumerate(entries) if entry.std is not None and index not in order]
-    variances = np.array([(entries[index].std or 0.0) ** 2 for index in more])
+    harmonics = _harmonics(entries, kind, name)
+    places = {key: number for number, key in enumerate(term_keys(entries, harmonics))}
+    order, covariance = _covariance(tree.get("covariance", {}), places, f"{name}: covariance")
+    size = 1 + 2 * harmonics
+    stds = {index * size + term: std for index, entry in enumerate(entries) for term, std in stds_of_terms(entry)}
+    more = [number for number in stds if number not in order]
+    variances = np.array([stds[number] ** 2 for number in more])
     whole = np.zeros((len(order) + len(more),) * 2)
     whole[: len(order), : len(order)] = covariance
     np.fill_diagonal(whole[len(order) :, len(order) :], variances)
-    return Calibration(kind=kind, entries=entries, by=by, order=(*order, *more), covariance=whole)
+    return Calibration(kind=kind, entries=entries, by=by, order=(*order, *more), covariance=whole, harmonics=harmonics)
+
+
+def _harmonics(entries: Sequence[SensorOffset], kind: str, name: str) -> int:
+    """Return the number of harmonics of all entries; raise DataError if they differ, or a deviation is too steep."""
+    harmonics = len(entries[0].harmonics)
+    for index, entry in enumerate(entries):
+        where = f"{name}: sensor[{index}].{HARMONIC}"
+        if len(entry.harmonics) != harmonics:
+            raise DataError(f"{where}: got {len(entry.harmonics)}, and sensor[0] has {harmonics}; give as many")
+        if harmonics and kind != "bearings":
+            raise DataError(f"{where}: {kind} have no harmonics; only bearings have")
+        if harmonics:
+            refuse_steep(entry, OFFSETS[kind].scale, where)
+    return harmonics
 
 
 def _kind_of(entry: Mapping[str, Any], where: str) -> str:
@@ -99,12 +128,15 @@ def _entry(entry: Mapping[str, Any], kind: str, by: tuple[str, ...], where: str)
         raise DataError(f"{where}.std_scale: got 0, expected a number larger than 0")
     dof = _number(entry["std_dof"], f"{where}.std_dof", 0.0) if "std_dof" in entry else None
     offset = _number(entry[quantity.name], f"{where}.{quantity.name}")
-    return SensorOffset(name=name, group=tuple(group), offset=offset, std=std, std_scale=scale, std_dof=dof)
+    harmonics = harmonics_of(entry.get(HARMONIC, []), f"{where}.{HARMONIC}", _number)
+    return SensorOffset(
+        name=name, group=tuple(group), offset=offset, std=std, std_scale=scale, std_dof=dof, harmonics=harmonics
+    )
 
 
 def _own_keys(kind: str) -> tuple[str, ...]:
     """Return the keys of an entry that are not columns of the input."""
-    return "name", "std_scale", "std_dof", OFFSETS[kind].name, OFFSETS[kind].std_name
+    return "name", "std_scale", "std_dof", HARMONIC, OFFSETS[kind].name, OFFSETS[kind].std_name
 
 
 def _text(value: Any, where: str) -> str:
@@ -175,12 +207,16 @@ def calibration_to_toml(calibration: Calibration, facts: Mapping[str, Any]) -> s
     quantity = calibration.quantity
     blocks = [
         "# Offsets of sensors: measured = true + offset"
-        + (", headings counter-clockwise" if calibration.kind == "bearings" else ""),
+        + (", headings counter-clockwise" if calibration.kind == "bearings" else "")
+        + (_DEVIATION if calibration.harmonics else ""),
         _block("[calibration]", facts),
     ]
-    blocks += [_block("[[sensor]]", entry_values(entry, quantity, calibration.by)) for entry in calibration.entries]
+    for entry in calibration.entries:
+        blocks.append(_block("[[sensor]]", entry_values(entry, quantity, calibration.by)))
+        blocks += [_block(f"[[sensor.{HARMONIC}]]", harmonic_values(part)) for part in entry.harmonics]
     if calibration.covariance is not None and calibration.order:
-        keys = [calibration.entries[index].key for index in calibration.order]
+        names = term_keys(calibration.entries, calibration.harmonics)
+        keys = [names[number] for number in calibration.order]
         order = ", ".join(toml_value(key[0] if len(key) == 1 else list(key)) for key in keys)
         rows = "\n".join(f"  {toml_value(row)}," for row in calibration.covariance.tolist())
         blocks.append(f"[covariance]  # {quantity.unit}2\norder = [{order}]\nmatrix = [\n{rows}\n]\n")

@@ -175,7 +175,7 @@ class MeasurementReader:
         if self.options.speed_std_m_s or self.options.calibration or {"target_z_m", "reference"} & chunk.columns.keys():
             from nlosctl.io.measurements.completion.completed_rows import completed_chunk
 
-            chunk = completed_chunk(chunk, self.sensor_names, self.options, self.report)
+            chunk = completed_chunk(chunk, self.sensor_names, self.scene, self.options, self.report)
         return chunk
 
     def _row_batches(self, given: Input) -> Iterator[RowBatch]:

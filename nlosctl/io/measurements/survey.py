@@ -230,7 +230,7 @@ def planned(
         table = unlabelled_table(options.kind, [*file.names, *options.columns])
     table = table or kind_table(options.kind or kind_of_columns([*file.names, *options.columns], given))
     needs_times = bool(scene.time_column) or options.window is not None or options.keep_times
-    table = table.with_times() if needs_times else table
+    table = table.with_further(times=needs_times, headings=getattr(options.calibration, "harmonics", 0) > 0)
     names = rename(file.names, options.columns, table, part.name) if options.columns else tuple(file.names)
     remarks: Sequence[str] = ()
     if is_first and (options.dimensions is not None or not table.space_names.isdisjoint([*names, *given])):

@@ -12,9 +12,10 @@ import pyarrow as pa
 
 from nlosctl.arrays import IntArray
 from nlosctl.contract.calibration import Calibration
-from nlosctl.contract.tables import BOUND, CALIBRATION, KINDS, SCORES, is_swept
+from nlosctl.contract.tables import BOUND, CALIBRATION, DEVIATIONS, KINDS, SCORES, is_swept
 from nlosctl.io.arrow_columns import ARROW_TYPES, SweepColumns
 from nlosctl.io.calibrations.calibration_file import entry_values
+from nlosctl.io.calibrations.harmonic_entries import harmonic_values
 from nlosctl.io.readers.base import plain_type
 from nlosctl.io.results.layouts import snapshot_field
 
@@ -132,13 +133,26 @@ def _score_row(of: str, group: Mapping[str, Any], words: Iterable[str]) -> dict[
 
 
 def calibration_schema(calibration: Calibration) -> Any:
-    """Return the Arrow schema of a calibration as a table."""
+    """Return the Arrow schema of a calibration as a table; that of deviations, if it has harmonics."""
+    if calibration.harmonics:
+        first, *rest = (pa.field(column.name, ARROW_TYPES[column.type]) for column in DEVIATIONS.columns)
+        return pa.schema([first, *(pa.field(name, pa.string()) for name in calibration.by), *rest])
     own = {calibration.quantity.name, calibration.quantity.std_name, "std_scale", "std_dof"}
     fields = [pa.field(column.name, ARROW_TYPES[column.type]) for column in CALIBRATION.columns if column.name in own]
     return pa.schema([*(pa.field(name, pa.string()) for name in ("name", *calibration.by)), *fields])
 
 
 def calibration_table(calibration: Calibration) -> Any:
-    """Return a calibration as a table, a row per entry; a standard deviation that is not determined is null."""
+    """Return a calibration as a table, a row per entry; a standard deviation that is not determined is null.
+
+    With harmonics it has a row per entry and order.
+    """
+    if calibration.harmonics:
+        rows = [
+            {"sensor": entry.name, **dict(zip(calibration.by, entry.group, strict=True)), **harmonic_values(part)}
+            for entry in calibration.entries
+            for part in entry.harmonics
+        ]
+        return pa.Table.from_pylist(rows, schema=calibration_schema(calibration))
     rows = [entry_values(entry, calibration.quantity, calibration.by) for entry in calibration.entries]
     return pa.Table.from_pylist(rows, schema=calibration_schema(calibration))

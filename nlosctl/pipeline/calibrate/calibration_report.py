@@ -23,6 +23,8 @@ __all__ = ["CalibrationReport"]
 
 _FEWEST_PLACES = 10
 _MOST_NAMES = 10
+_DIRECTIONS = "; a deviation that depends on the direction may be (`harmonics`)"
+
 _BAD_FIT = 3.0
 """Residuals this many times as large as the stated standard deviations are not those of an offset."""
 
@@ -98,24 +100,29 @@ class CalibrationReport:
 
     def lines(self) -> list[str]:
         """Return the summary."""
-        read, unit = self.reader.report, self.calibration.quantity.unit
+        read = self.reader.report
         names = list(read.rows_by_file)
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+        bad = f", {_counted(read.bad_rows, 'bad row')} set aside" if read.bad_rows else ""
+        return [
+            f"{', '.join(names[:3])}{more}: {_counted(read.snapshots, 'snapshot')} of {self.calibration.kind}, "
+            f"{_counted(read.rows, 'row')}{bad}",
+            f"{self.method}: {self._result()}",
+            *(f"note: {note}" for note in self.notes()),
+        ]
+
+    def _result(self) -> str:
+        estimate, unit = self.estimate, self.calibration.quantity.unit
         shown = [
             f"{' '.join(entry.key)} {entry.offset:.4g}{'' if entry.std is None else f' +- {entry.std:.2g}'} {unit}, "
             f"std x {entry.std_scale:.3g}"
             for entry in self.calibration.entries
         ]
-        estimate = self.estimate
-        bad = f", {_counted(read.bad_rows, 'bad row')} set aside" if read.bad_rows else ""
-        return [
-            f"{', '.join(names[:3])}{more}: {_counted(read.snapshots, 'snapshot')} of {self.calibration.kind}, "
-            f"{_counted(read.rows, 'row')}{bad}",
-            f"{self.method}: offsets by {_counted(estimate.snapshots, 'snapshot')} at "
+        return (
+            f"offsets by {_counted(estimate.snapshots, 'snapshot')} at "
             f"{_counted(sum(estimate.places.values()), 'different position')}, in {_counted(estimate.passes, 'pass')}: "
-            f"{_listed(shown, '; ')}",
-            *(f"note: {note}" for note in self.notes()),
-        ]
+            f"{_listed(shown, '; ')}"
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as plain values for JSON."""
@@ -199,11 +206,17 @@ class CalibrationReport:
         if bad:
             lines.append(
                 f"residuals remain several times as large as the stated standard deviations: {_listed(bad, ', ')}; "
-                "offsets are not the cause"
+                f"offsets are not the cause{_DIRECTIONS if self._has_headings() else ''}"
             )
         if not estimate.settled:
             lines.append(f"the offsets had not settled after {MOST_PASSES} passes: they may be inaccurate")
         return lines
+
+    def _has_headings(self) -> bool:
+        """Whether bearings without harmonics have headings to refer them to."""
+        known = self.reader.scene.sensors
+        named = "heading_deg" in self.reader.column_names or any(sensor.heading_deg is not None for sensor in known)
+        return self.calibration.kind == "bearings" and not self.calibration.harmonics and named
 
     def _named(self, combination: Combination) -> str:
         what = "a common offset" if combination.common else "a combination of the offsets"

@@ -21,7 +21,7 @@ from nlosctl.pipeline.engine.passes import InputPasses
 from nlosctl.solvers.calibration.offset_solution import OffsetSolution, solve_offsets
 from nlosctl.solvers.calibration.places import count_places
 
-__all__ = ["MOST_PASSES", "OffsetEstimate", "estimate_offsets"]
+__all__ = ["MOST_PASSES", "OffsetEstimate", "estimate_offsets", "factors_of_stds"]
 
 MOST_PASSES = 30
 """An iteration that has not settled by then stops; the summary states it."""
@@ -117,7 +117,7 @@ def _advanced(
             information[one, other] = information[other, one] = pooled.sums(key)[0]
     before, factors = np.array([current.get(key, (0.0, 1.0)) for key in keys]).T
     solution = solve_offsets(information, gradient, alone, before, prior_std)
-    scale, spare = _factors(squares * factors * factors, degrees, solution)
+    scale, spare = factors_of_stds(squares * factors * factors, degrees, solution)
     std = np.sqrt(np.diag(solution.covariance))
     moved = np.divide(np.abs(solution.step), std, out=np.zeros(std.shape), where=std > 0.0)
     changed = np.abs(np.log(scale / factors))
@@ -137,15 +137,18 @@ def _advanced(
     )
 
 
-def _factors(squares: FloatArray, degrees: FloatArray, solution: OffsetSolution) -> tuple[FloatArray, FloatArray]:
+def factors_of_stds(
+    squares: FloatArray, degrees: FloatArray, solution: OffsetSolution, unknowns: int = 1
+) -> tuple[FloatArray, FloatArray]:
     """Return the factors (J,) of the stated stds by the squares over them (J,), and their degrees of freedom (J,).
 
-    A factor has those of its own rows and of its prior, and no more than the whole input.
+    A factor has those of its own rows, without those of the ``unknowns`` of its sensor, and of its prior, and no more
+    than the whole input.
     """
     spare = float(degrees.sum()) - solution.freedom
     known = spare > _LEAST_DEGREES
     whole = float(squares.sum()) / spare if known else 1.0
-    own = np.maximum(degrees - 1.0, 0.0) + _PRIOR_DEGREES
+    own = np.maximum(degrees - unknowns, 0.0) + _PRIOR_DEGREES
     factor = np.sqrt((squares + _PRIOR_DEGREES * whole) / own)
     return np.maximum(factor, _LEAST_FACTOR), np.minimum(own, spare) if known else np.full(own.shape, np.nan)
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.batches import batch_class
 from nlosctl.contract.calibration import Calibration
+from nlosctl.io.measurements.completion.array_deviations import deviated_rows, sector_of
 from nlosctl.io.measurements.completion.exact_numbers import REST
 from nlosctl.io.measurements.completion.geometry_stds import REFERENCE
 from nlosctl.io.measurements.completion.sensor_keys import sensor_keys
@@ -38,6 +39,8 @@ def calibrated_chunk(chunk: Chunk, calibration: Calibration) -> tuple[Chunk, lis
     entry, lacking = _entries(chunk, calibration, "sensor")
     offsets = np.array([*(known.offset for known in calibration.entries), 0.0]) * calibration.quantity.scale
     scales = np.array([*(known.std_factor for known in calibration.entries), 1.0])
+    if calibration.harmonics:
+        return _without_deviations(chunk, calibration, entry, scales[entry]), lacking
     offset, added = offsets[entry], {OFFSET_ENTRY: entry, STD_FACTOR: scales[entry]}
     if "reference" in chunk.columns:
         of_reference, without = _entries(chunk, calibration, "reference")
@@ -55,6 +58,19 @@ def _entries(chunk: Chunk, calibration: Calibration, of: str) -> tuple[IntArray,
     index = {entry.key: number for number, entry in enumerate(calibration.entries)}
     entries = np.array([index.get(key, -1) for key in keys], dtype=np.int64)
     return entries[codes], [key for key, entry in zip(keys, entries.tolist(), strict=True) if entry < 0]
+
+
+def _without_deviations(chunk: Chunk, calibration: Calibration, entry: IntArray, std_scale: FloatArray) -> Chunk:
+    """Return the chunk without the deviations of its rows' entries (N,), each with the sector of its direction."""
+    terms = np.array([*(known.terms for known in calibration.entries), (0.0,) * calibration.terms])
+    columns, rows = deviated_rows(chunk.columns, terms[entry] * calibration.quantity.scale)
+    for name in batch_class(calibration.kind).STDS:
+        if name in columns:
+            columns[name] = columns[name] * std_scale
+    sectors = calibration.sectors
+    sector = np.where(entry < 0, -1, entry * sectors + sector_of(rows.direction, sectors))
+    factor = std_scale / (1.0 + rows.slope)
+    return replace(chunk, columns={**columns, OFFSET_ENTRY: sector, STD_FACTOR: factor})
 
 
 def calibrated_columns(

@@ -11,8 +11,10 @@ import numpy.typing as npt
 
 from nlosctl.contract.calibration import Calibration
 from nlosctl.contract.run_options import InputOptions
+from nlosctl.contract.scene import Scene
 from nlosctl.errors import UsageError
 from nlosctl.io.measurements.column_mapping import ColumnPlan
+from nlosctl.io.measurements.completion.array_deviations import with_headings
 from nlosctl.io.measurements.completion.calibrated_rows import calibrated_chunk
 from nlosctl.io.measurements.completion.exact_numbers import REST
 from nlosctl.io.measurements.completion.geometry_stds import add_geometry_stds
@@ -53,7 +55,9 @@ def complete_columns(
         add_geometry_stds(plan, scene, columns, faults)
 
 
-def completed_chunk(chunk: Chunk, names: Sequence[str], options: InputOptions, report: ReadReport) -> Chunk:
+def completed_chunk(
+    chunk: Chunk, names: Sequence[str], scene: Scene, options: InputOptions, report: ReadReport
+) -> Chunk:
     """Return the chunk with the references of its differences, after a calibration.
 
     ``speed_std`` (N,) is the std of the speed of arrivals as a share of it, if that is uncertain. Sensors that the
@@ -65,6 +69,10 @@ def completed_chunk(chunk: Chunk, names: Sequence[str], options: InputOptions, r
         chunk = replace(chunk, columns={**chunk.columns, "speed_std": share})
     chunk = resolve_references(chunk, names) if "reference" in chunk.columns else chunk
     if isinstance(options.calibration, Calibration):
+        if options.calibration.harmonics:
+            chunk = with_headings(chunk, scene, options.calibration)
+        if not options.calibration.entries:
+            return chunk
         chunk, lacking = calibrated_chunk(chunk, options.calibration)
         report.uncalibrated.update(" ".join(key) for key in lacking)
     return chunk
