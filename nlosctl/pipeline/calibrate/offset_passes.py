@@ -35,6 +35,10 @@ _NEARLY_SETTLED = 0.03
 _FEW = 5000
 """About so many snapshots are enough for the first passes."""
 
+_MOST_GAIN = 10.0
+_LONGEST = 0.3
+"""An extrapolation adds at most so many times the step of a pass, and so many stds."""
+
 _PRIOR_DEGREES = 5.0
 """Degrees of freedom of the factor of all sensors as a prior of each sensor's."""
 
@@ -88,18 +92,59 @@ def estimate_offsets(
     prior of mean zero has ``prior_std`` in the unit of the measurements. ``columns`` are those of a chunk's table that
     the statistic needs; ``show`` receives a line a pass. Raises the errors of reading and of the method.
     """
-    few = max(snapshots // _FEW, 1)
+    few, earlier = max(snapshots // _FEW, 1), None
     for count in range(1, MOST_PASSES + 1):
         sums = replace(sums, one_in=few)
         estimate = _advanced(passes.pool(sums, columns), sums.current, prior_std, count)
         show(f"{sums.run.label}: pass {count}: {estimate.snapshots} snapshots count, step {estimate.step:.2g} std")
         if few == 1 and estimate.step <= _SETTLED:
             break
-        if estimate.step <= _NEARLY_SETTLED or count >= MOST_PASSES // 2:
-            few = 1
-        pairs = zip(estimate.offsets.tolist(), estimate.scale.tolist(), strict=True)
+        this = _Step.of(estimate, sums.current)
+        pairs = zip(*this.extrapolated(earlier).tolist(), strict=True)
         sums = replace(sums, current=dict(zip(estimate.keys, pairs, strict=True)))
+        earlier = this
+        if few > 1 and (estimate.step <= _NEARLY_SETTLED or count >= MOST_PASSES // 2):
+            few, earlier = 1, None
     return estimate
+
+
+@dataclass(frozen=True)
+class _Step:
+    """The step of a pass: where it ends and how long it is, (2, J) offsets and logarithms of factors.
+
+    ``unit`` (2, J) are the std of the offsets and 1.
+    """
+
+    end: FloatArray
+    length: FloatArray
+    unit: FloatArray
+
+    @classmethod
+    def of(cls, estimate: OffsetEstimate, current: Mapping[Key, tuple[float, float]]) -> _Step:
+        """Return the step of a pass that began at the ``current`` offsets and factors."""
+        offsets, factors = _values(current, estimate.keys)
+        end = np.stack([estimate.offsets, np.log(estimate.scale)])
+        std = np.sqrt(np.diag(estimate.solution.covariance))
+        unit = np.stack([np.where(std > 0.0, std, 1.0), np.ones(std.shape)])
+        return cls(end, end - np.stack([offsets, np.log(factors)]), unit)
+
+    def extrapolated(self, earlier: _Step | None) -> FloatArray:
+        """Return the next offsets and factors (2, J), by this step and the one before it."""
+        end = self.end
+        if earlier is not None:
+            change = (self.length - earlier.length) / self.unit
+            square = float(np.sum(change * change))
+            gain = float(np.sum(self.length / self.unit * change)) / square if square > 0.0 else 0.0
+            further = -gain * (end - earlier.end)
+            size, step = (float(np.abs(part / self.unit).max()) for part in (further, self.length))
+            limit = min(_MOST_GAIN * step, _LONGEST)
+            end = end + further * (limit / size if size > limit else 1.0)
+        return np.stack([end[0], np.maximum(np.exp(end[1]), _LEAST_FACTOR)])
+
+
+def _values(current: Mapping[Key, tuple[float, float]], keys: tuple[Key, ...]) -> FloatArray:
+    """Return the current offsets and factors (2, J) of the keys."""
+    return np.array([current.get(key, (0.0, 1.0)) for key in keys]).T
 
 
 def _advanced(
@@ -115,7 +160,7 @@ def _advanced(
         if isinstance(key, tuple) and key[0] == PAIR:
             one, other = index[key[1]], index[key[2]]
             information[one, other] = information[other, one] = pooled.sums(key)[0]
-    before, factors = np.array([current.get(key, (0.0, 1.0)) for key in keys]).T
+    before, factors = _values(current, keys)
     solution = solve_offsets(information, gradient, alone, before, prior_std)
     scale, spare = factors_of_stds(squares * factors * factors, degrees, solution)
     std = np.sqrt(np.diag(solution.covariance))
