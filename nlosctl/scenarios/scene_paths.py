@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from math import dist
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from nlosctl.models.space.plane_mirrors import gather_plane_mirrors
 from nlosctl.models.space.rays import space_lines
 from nlosctl.scenarios.space_rows import in_table_order
 from nlosctl.scenarios.spec import Columns, ScenarioSpec
+from nlosctl.scenarios.true_worlds import generate_in_worlds
 
 __all__ = ["SQUARE", "SceneOptions", "ScenePaths", "row_columns", "scenario_in_scene", "scene_paths"]
 
@@ -61,6 +62,10 @@ class SceneOptions:
     detection_probability: float = option(
         1.0, minimum=0.0, maximum=1.0, meaning="probability that a row is there, if its path exists"
     )
+    worlds: Literal["snapshot", "file"] = option(
+        "snapshot",
+        meaning="errors of a scene that is not exactly known: new ones in each snapshot, or the same in the whole file",
+    )
 
     def __post_init__(self) -> None:
         parse_field(self.region)
@@ -73,7 +78,10 @@ def scenario_in_scene(*, name: str, options: type[SceneOptions], generate: Calla
 
     def of_scene(own: Scene) -> ScenarioSpec:
         mine = partial(generate, scene=own)
-        return replace(spec, summary=f"{name} in your own scene", scene=lambda options: own, generate=mine)
+        if own.is_uncertain:
+            mine = partial(generate_in_worlds, generate=generate, scene=own)
+        summary = f"{name} in your own scene"
+        return replace(spec, summary=summary, scene=lambda _: own, generate=mine, one_by_one=own.is_uncertain)
 
     spec = ScenarioSpec(
         name=name,

@@ -27,7 +27,8 @@ class ScenarioSpec:
     ``options`` is a frozen dataclass whose fields are its parameters, ``scene(options)`` returns its sensors and
     reflectors, and ``generate(options, generator, snapshots)`` samples that many snapshots, using only ``generator``.
     ``further`` are the columns that it generates beside those of the contract. ``of_scene(scene)`` returns the same
-    scenario in a scene of the user's own; None: it has a scene of its own.
+    scenario in a scene of the user's own; None: it has a scene of its own. ``one_by_one`` is whether fewer snapshots of
+    a block are the beginning of more, so that no more are drawn.
     """
 
     name: str
@@ -39,6 +40,7 @@ class ScenarioSpec:
     generate: Callable[[Any, np.random.Generator, int], Columns]
     further: tuple[str, ...] = ()
     of_scene: Callable[[Scene], ScenarioSpec] | None = None
+    one_by_one: bool = False
 
 
 def draw_snapshots(spec: ScenarioSpec, options: Any, seed: int, trials: int) -> Iterator[Columns]:
@@ -53,13 +55,14 @@ def draw_snapshots(spec: ScenarioSpec, options: Any, seed: int, trials: int) -> 
 def draw_block(spec: ScenarioSpec, options: Any, seed: int, block: int, trials: int) -> Columns:
     """Return the columns of block ``block`` of a draw of ``trials`` snapshots; blocks may be drawn in any order.
 
-    The random numbers depend only on the seed and the block's number. A block is always drawn whole; the last one is
-    cut after ``trials`` snapshots. ``snapshot`` is numbered over the whole draw.
+    The random numbers depend only on the seed and the block's number. A block is drawn whole, unless ``one_by_one``;
+    the last one is cut after ``trials`` snapshots. ``snapshot`` is numbered over the whole draw.
     """
     sequence = np.random.SeedSequence(entropy=seed, spawn_key=(block,))
     generator = np.random.Generator(np.random.Philox(sequence))
-    columns = spec.generate(options, generator, SNAPSHOTS_PER_BLOCK)
     first = block * SNAPSHOTS_PER_BLOCK
+    count = min(SNAPSHOTS_PER_BLOCK, trials - first) if spec.one_by_one else SNAPSHOTS_PER_BLOCK
+    columns = spec.generate(options, generator, count)
     snapshot = columns["snapshot"] + first
     if trials >= first + SNAPSHOTS_PER_BLOCK:
         return {**columns, "snapshot": snapshot}

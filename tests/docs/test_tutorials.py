@@ -30,6 +30,7 @@ EXAMPLES = [
     "settings",
     "three-dimensions",
     "tracks",
+    "uncertain-geometry",
     "unknown-std",
     "windows",
 ]

@@ -156,6 +156,8 @@ def test_what_a_run_refuses() -> None:
         nlosctl.localize(table, scene=world.scene(), estimate_std="file")
     with pytest.raises(UsageError, match="bound of laplace errors takes sensors and reflectors as exactly known"):
         nlosctl.bound(table, scene=world.scene(), noise="laplace")
-    triplets = nlosctl.simulate("triplets", trials=3, scene=world.scene())
+    with pytest.raises(UsageError, match="triplets take sensors and reflectors as exactly known"):
+        nlosctl.simulate("triplets", trials=3, scene=world.scene())
+    triplets = nlosctl.simulate("triplets", trials=3)
     with pytest.raises(UsageError, match="triplets take s0, s1, s2 and 2 more as exactly known"):
-        nlosctl.detect_ip(triplets)
+        nlosctl.localize(triplets, scene=world.scene())
