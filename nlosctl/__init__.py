@@ -1,10 +1,10 @@
 """Localize radio, acoustic and radar sources from measurements when some paths are not line of sight.
 
 The functions take tables (pyarrow, polars, pandas, dict) or paths, and return pyarrow tables. `localize`,
-`identify_los`, `detect_ip` and `bound` solve measurements, `track` finds paths, `calibrate` the offsets of sensors;
-`read`, `describe`, `validate`, `convert` and `simulate` make and check them; `evaluate` and `plot` show how good
-estimates are.
-They are the commands of ``nlosctl``, with the same options and results; see docs/python.md.
+`identify_los`, `detect_ip` and `bound` solve measurements, `track` finds paths, `posterior` maps where a source is,
+`calibrate` finds the offsets of sensors; `read`, `describe`, `validate`, `convert` and `simulate` make and check them;
+`evaluate` and `plot` show how good estimates are. They are the commands of ``nlosctl``, with the same options and
+results; see docs/python.md.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         identify_los,
         localize,
         plot,
+        posterior,
         read,
         simulate,
         track,
@@ -54,6 +55,7 @@ __all__ = [
     "identify_los",
     "localize",
     "plot",
+    "posterior",
     "read",
     "simulate",
     "track",

@@ -30,6 +30,7 @@ FUNCTIONS = [
     "identify_los",
     "localize",
     "plot",
+    "posterior",
     "read",
     "simulate",
     "validate",
@@ -48,7 +49,7 @@ def test_the_functions_are_found_before_numpy_is_imported() -> None:
     script = "import nlosctl, sys; print(*dir(nlosctl)); print(*({'numpy', 'pyarrow', 'scipy'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     names, loaded = done.stdout.split("\n")[:2]
-    assert len(FUNCTIONS) == 11
+    assert len(FUNCTIONS) == 12
     assert set(FUNCTIONS) <= set(names.split())
     assert loaded == ""
 

@@ -2,6 +2,7 @@
 
 from nlosctl.api.calibrating import SensorCalibration, calibrate
 from nlosctl.api.files import Plot, convert, describe, evaluate, plot, read, simulate, validate
+from nlosctl.api.mapping import posterior
 from nlosctl.api.solving import Detection, Localization, bound, detect_ip, identify_los, localize
 from nlosctl.api.tracking import Tracks, track
 from nlosctl.pipeline.evaluate.groups import Evaluation
@@ -22,6 +23,7 @@ __all__ = [
     "identify_los",
     "localize",
     "plot",
+    "posterior",
     "read",
     "simulate",
     "track",

@@ -17,6 +17,10 @@ EXAMPLES = {
         "nlosctl bound bearings.csv -o bound.csv",
         "nlosctl bound bearings.csv --noise laplace -o laplace.parquet",
     ),
+    "posterior": (
+        "nlosctl posterior bearings.csv --snapshot 7 -o map.csv",
+        "nlosctl posterior bearings.csv --all -m mixture-ml -o maps.parquet",
+    ),
     "calibrate": (
         "nlosctl calibrate bearings.csv -o calibration.toml",
         "nlosctl calibrate -m mixture-ml bearings.csv -o robust.toml",

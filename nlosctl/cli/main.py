@@ -23,6 +23,7 @@ from nlosctl.cli.commands.describe import describe
 from nlosctl.cli.commands.evaluate import evaluate
 from nlosctl.cli.commands.methods import methods_app
 from nlosctl.cli.commands.plot import VIEWS_TEXT, plot
+from nlosctl.cli.commands.posterior import posterior
 from nlosctl.cli.commands.reproduce import reproduce
 from nlosctl.cli.commands.schema import schema
 from nlosctl.cli.commands.simulate import simulate
@@ -121,6 +122,7 @@ def _guarded(command: Callable[..., Any]) -> Callable[..., Any]:
 _COMMANDS = (
     ("localize", localize),
     ("bound", bound),
+    ("posterior", posterior),
     ("calibrate", calibrate),
     ("track", track),
     ("detect-ip", detect_ip),

@@ -6,7 +6,7 @@ from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from nlosctl.arrays import FloatArray
+from nlosctl.arrays import FloatArray, Point
 from nlosctl.contract.learning import Learning
 from nlosctl.contract.results import Solution
 from nlosctl.contract.scene import Scene
@@ -17,6 +17,7 @@ __all__ = [
     "HALF_CHI_SQUARE",
     "LEAST_HALF_CHI_SQUARE",
     "OLDEST_CONTRACT_VERSION",
+    "CostAt",
     "Job",
     "Law",
     "MethodSpec",
@@ -40,6 +41,10 @@ Job = Literal["localize", "detect-ip", "identify-los"]
 
 Law = Literal["frame", "order"]
 """The laws that a method may be exempt from: motions of the frame; permutations of the measurements."""
+
+
+CostAt = Callable[[Any, Any, Point, float], FloatArray]
+"""The negative log-likelihood of a batch under options at positions or of cells, see `MethodSpec.cost_at`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +71,11 @@ class MethodSpec:
     deviations and offsets. ``path_rows(batch, options)`` is how the rows enter the likelihood of a path, each at a
     position of its own (`nlosctl.solvers.tracking.path_rows`); None: the method can't track. ``line_rows(batch,
     options)`` of a weighted linear fit returns its `nlosctl.solvers.bearings.line_fits.WeightedLines`, None where it
-    has none, for weights of rows that share errors. ``contract_version`` is the version of this contract that a plugin
+    has none, for weights of rows that share errors. ``cost_at(batch, options, points, cell_m)`` is the negative
+    log-likelihood (B, P) at positions, D arrays (B, P) in the frame, apart from a constant of the snapshot, infinite
+    where none is possible: the posterior of `nlosctl posterior`. Where ``cell_m`` > 0 it is that of the mean density of
+    a square cell about each position, as closely as a wider standard deviation gives that. A height of the target that
+    is held exactly is no coordinate: D is 2 then. ``contract_version`` is the version of this contract that a plugin
     was written for; built-in methods leave it out. ``solve(batch, options)`` is pure: it changes nothing and draws only
     from ``batch.seed``.
     """
@@ -101,6 +110,7 @@ class MethodSpec:
     direct_rows: Callable[..., tuple[FloatArray, FloatArray]] | None = None
     path_rows: Callable[[Any, Any], Any] | None = None
     line_rows: Callable[..., Any] | None = None
+    cost_at: CostAt | None = None
     contract_version: int | None = None
 
     def flag_columns(

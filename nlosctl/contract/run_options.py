@@ -29,10 +29,10 @@ PANELS = ("Input", "Geometry", "Method", "Output", "Run", "Messages")
 
 _SOLVE, _TABLES = "localize detect-ip identify-los", "localize detect-ip identify-los track"
 _ESTIMATE, _ENGINE = f"{_SOLVE} calibrate track", f"{_SOLVE} calibrate bound"
-_READ, _CALIBRATED = f"{_ESTIMATE} bound validate", f"{_SOLVE} bound validate"
-_MEASUREMENTS = f"{_READ} plot convert describe"
-_WRITE = f"{_TABLES} bound evaluate simulate convert"
-_ARRIVALS, _REPORT = "localize validate plot convert describe", f"{_ESTIMATE} bound evaluate"
+_METHOD, _READ = f"{_ESTIMATE} posterior", f"{_ESTIMATE} bound posterior validate"
+_CALIBRATED, _MEASUREMENTS = f"{_SOLVE} bound validate", f"{_READ} plot convert describe"
+_WRITE = f"{_TABLES} bound posterior evaluate simulate convert"
+_ARRIVALS, _REPORT = "localize posterior validate plot convert describe", f"{_METHOD} bound evaluate"
 _NOISES, _ENGINES, _POOLS = ("gaussian", "laplace"), ("local", "dask"), ("snapshot", "sensor", "file")
 
 
@@ -68,7 +68,7 @@ class InputOptions:
         f"{_MEASUREMENTS} evaluate", metavar="FORMAT", complete="format")
     kind: str | None = option(
         None, "--kind", "Input", "Kind: bearings, ranges, arrivals or triplets; default: detected from the columns.",
-        "localize identify-los bound track validate plot describe", metavar="KIND", complete="kind")
+        "localize identify-los bound posterior track validate plot describe", metavar="KIND", complete="kind")
     dimensions: int | None = option(
         None, "--dimensions", "Input", "Dimensions, 2 or 3; default: 3 with elevations, stds and sensor heights.",
         f"{_READ} plot describe", minimum=2, maximum=3, metavar="N")
@@ -78,13 +78,13 @@ class InputOptions:
     constants: Mapping[str, float] = with_flags({}, *STD_FLAGS)
     all_rows: bool = option(
         False, "--all-rows", "Input", "Also use rows flagged by an earlier step (los false, ip true).",
-        f"{_ESTIMATE} bound")
+        f"{_METHOD} bound")
     max_snapshot_rows: int = option(
         1_000_000, "--max-snapshot-rows", "Input", "Largest number of rows allowed in a snapshot.",
         f"{_READ} describe", minimum=1, metavar="N")
     max_spool_bytes: int = option(
         10_000_000_000, "--max-spool-bytes", "Input", "Largest standard input to copy to disk for several passes.",
-        "localize calibrate track", minimum=1, metavar="N")
+        "localize calibrate posterior track", minimum=1, metavar="N")
     wide: Sequence[str] = option(
         (), "--wide", "Input", "Columns of a wide table, such as azimuth_deg=az_*; * is the sensor. Repeatable.",
         _MEASUREMENTS, metavar="NAME=PATTERN")
@@ -116,8 +116,8 @@ class InputOptions:
         None, "--timezone", "Input", "Time zone of times without an offset, such as Europe/Berlin.",
         _MEASUREMENTS, metavar="ZONE")
     max_sort_rows: int = option(
-        10_000_000, "--max-sort-rows", "Input", "Largest number of rows to sort by time.", _MEASUREMENTS,
-        minimum=1, metavar="N")
+        10_000_000, "--max-sort-rows", "Input", "Largest number of rows to sort by time.", _MEASUREMENTS, minimum=1,
+        metavar="N")
     scene: Scene | str | None = option(  # noqa: RUF009
         None, "--scene", "Geometry", "Scene (TOML); default: in the table, STEM.scene.toml or scene.toml.",
         f"{_MEASUREMENTS} simulate", metavar="FILE")
@@ -184,12 +184,12 @@ class SolveOptions:
     """
 
     method: Sequence[str] = option(
-        (), "--method", "Method", "Method (see 'nlosctl methods'). Repeatable.", _ESTIMATE,
+        (), "--method", "Method", "Method (see 'nlosctl methods'). Repeatable.", _METHOD,
         short="-m", metavar="NAME", complete="method")
     parameters: Mapping[str, Any] = option(
         {}, "--param", "Method",
         "Parameter of method, scenario, format or figure; METHOD:KEY=VALUE: only that method. Repeatable.",
-        f"{_ESTIMATE} simulate convert reproduce", short="-p", metavar="KEY=VALUE", complete="parameter")
+        f"{_METHOD} simulate convert reproduce", short="-p", metavar="KEY=VALUE", complete="parameter")
     sweep: Mapping[str, Any] = option(
         {}, "--sweep", "Method", "Parameter values to run in turn; several sweeps form a grid. Repeatable.",
         f"{_SOLVE} simulate", metavar="KEY=V1,V2,...", complete="parameter")
@@ -199,13 +199,13 @@ class SolveOptions:
     field: Field = option(  # noqa: RUF009
         SensorsField(), "--field", "Geometry",
         "Search region: xmin,xmax,ymin,ymax[,zmin,zmax], circle:x,y,r, polygon:FILE or sensors:FACTOR.",
-        "localize identify-los calibrate track", metavar="FIELD", parse=parse_field, text=str(SensorsField()))
+        "localize identify-los calibrate posterior track", metavar="FIELD", parse=parse_field, text=str(SensorsField()))
     target_z_m: float | None = option(
         None, "--target-z-m", "Geometry", "Height of the targets in metres (in the plane: for slant ranges).",
-        f"{_ESTIMATE} bound", metavar="M")
+        f"{_METHOD} bound", metavar="M")
     target_z_std_m: float | None = option(
         None, "--target-z-std-m", "Geometry", "Standard deviation of the targets' height, in 3 dimensions.",
-        f"{_ESTIMATE} bound", metavar="M")
+        f"{_METHOD} bound", metavar="M")
     alternatives: int = option(
         1, "--alternatives", "Method", "Largest number of estimates per snapshot and target.",
         "localize identify-los", minimum=1, metavar="N")

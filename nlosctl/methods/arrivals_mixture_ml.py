@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray
+from nlosctl.arrays import FloatArray, Point
 from nlosctl.contract.batches import ArrivalBatch
 from nlosctl.contract.learning import Learning
 from nlosctl.contract.methods import MethodSpec
@@ -18,6 +18,7 @@ from nlosctl.contract.tables.arrivals import OFFSET
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.arrivals import ArrivalRows
 from nlosctl.solvers.arrivals.judgement import judge_late_fixes
+from nlosctl.solvers.arrivals.offset_integral import cost_without_offset
 from nlosctl.solvers.arrivals.outlier_model import ArrivalOutlierModel, arrival_outlier_model
 from nlosctl.solvers.arrivals.subset_candidates import ArrivalCandidates
 from nlosctl.solvers.mixture.modes import Modes, find_modes
@@ -26,6 +27,7 @@ from nlosctl.solvers.mixture.outlier_options import LateOptions
 from nlosctl.solvers.mixture.outside import OutsideSearch
 from nlosctl.solvers.mixture.posterior import direct_probability, posterior_covariance
 from nlosctl.solvers.mixture.ranked_estimates import rank_modes, ranked_estimates, ranked_flags
+from nlosctl.solvers.optimization.point_costs import cost_at_points, spread_m
 
 __all__ = ["METHOD", "ArrivalMixtureOptions", "solve"]
 
@@ -127,6 +129,16 @@ def _modes(
     )
 
 
+def _cost_at(batch: ArrivalBatch, options: ArrivalMixtureOptions, points: Point, cell_m: float) -> FloatArray:
+    """Return the negative log-likelihood (B, P) of the mixture at points, or of cells, which widen the rows' stds.
+
+    The offset is integrated out, its prior flat.
+    """
+    wider = replace(batch, arrival_std_m=np.hypot(batch.arrival_std_m, spread_m(cell_m)))
+    model = arrival_outlier_model(wider, alpha=options.alpha, late_m=options.late_m)
+    return cost_at_points(model, model.arrivals.center, points, cost_without_offset)
+
+
 def _offset_columns(arrivals: ArrivalRows, offset_m: FloatArray, covariance: SymmetricMatrix) -> dict[str, FloatArray]:
     """Return the columns (B, T) of the offset: value, std, covariances with x, y, z."""
     last = covariance.dimension - 1
@@ -181,6 +193,7 @@ METHOD = MethodSpec(
     solve=solve,
     cost="negative log-likelihood of the mixture, in nats",
     minimum_measurements=2,
+    cost_at=_cost_at,
     flags=("los", "los_probability", "residual_m"),
     estimate_columns=tuple(column.name for column in OFFSET),
     searches=True,

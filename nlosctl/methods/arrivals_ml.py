@@ -6,16 +6,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nlosctl.arrays import FloatArray, Point
 from nlosctl.contract.batches import ArrivalBatch
 from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
 from nlosctl.contract.tables.arrivals import OFFSET
+from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.models.arrivals import arrival_rows
 from nlosctl.solvers.arrivals.closed_forms import initial_estimates
 from nlosctl.solvers.arrivals.far_field import without_open_distance
 from nlosctl.solvers.arrivals.likelihood import AT_INFINITY, PLAUSIBLE_NATS, ArrivalProblem
 from nlosctl.solvers.arrivals.pair_estimates import pair_estimates
+from nlosctl.solvers.optimization.point_costs import cost_at_points, spread_m
 from nlosctl.solvers.optimization.two_optima import find_best_two, nearer_first
 from nlosctl.solvers.ranges.optima import estimate_factors, finish_range_fix, with_covariances
 
@@ -69,6 +72,20 @@ def solve(batch: ArrivalBatch, options: ArrivalOptions) -> Solution:
     )
 
 
+def _cost_at(batch: ArrivalBatch, options: ArrivalOptions, points: Point, cell_m: float) -> FloatArray:
+    """Return half the chi-square (B, P) at points, or of cells, whose extent widens the standard deviations.
+
+    The offset is integrated out, its prior flat.
+    """
+    std_m = np.hypot(batch.arrival_std_m, spread_m(cell_m))
+    rows = arrival_rows(replace(batch, arrival_std_m=std_m))
+    cost = cost_at_points(rows, rows.center, points, lambda part, at: part.half_chi_squares(*at))
+    blur = sum_measurements(np.log(std_m))
+    if not rows.of_pairs:
+        blur = blur + 0.5 * np.log(sum_measurements(std_m**-2.0))
+    return np.asarray(cost + blur[:, None])
+
+
 OFFSETS = tuple(column.name for column in OFFSET)
 """The columns of the offset."""
 
@@ -82,6 +99,7 @@ METHOD = MethodSpec(
     solve=solve,
     cost=LEAST_HALF_CHI_SQUARE,
     minimum_measurements=2,
+    cost_at=_cost_at,
     flags=("residual_m",),
     estimate_columns=OFFSETS,
     reads=frozenset({"reference", "speed_std"}),

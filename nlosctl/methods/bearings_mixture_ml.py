@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray
+from nlosctl.arrays import FloatArray, Point
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.learning import Learning
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
+from nlosctl.solvers.bearings.cell_rows import CellBearings
+from nlosctl.solvers.bearings.row_terms import DirectBearings
 from nlosctl.solvers.mixture.bearing_candidates import BearingCandidates
 from nlosctl.solvers.mixture.judgement import FixesToJudge, judge_robust_fixes
 from nlosctl.solvers.mixture.modes import Modes, find_modes
@@ -23,6 +26,7 @@ from nlosctl.solvers.mixture.outside import OutsideSearch
 from nlosctl.solvers.mixture.path_groups import restore_rows
 from nlosctl.solvers.mixture.posterior import direct_probability, posterior_covariance
 from nlosctl.solvers.mixture.ranked_estimates import direct_at, rank_modes, ranked_estimates, ranked_flags
+from nlosctl.solvers.optimization.point_costs import cost_at_points, spread_m
 from nlosctl.solvers.optimization.split_batches import solve_parts, split_batch
 from nlosctl.solvers.tracking.path_rows import PathRows
 
@@ -94,6 +98,20 @@ def _modes(
         gap=options.mode_gap * model.mixture.count,
         outside=outside,
     )
+
+
+def _cost_at(batch: BearingBatch, options: MixtureOptions, points: Point, cell_m: float) -> FloatArray:
+    """Return the negative log-likelihood (B, P) of the mixture at points, or of cells; in space always at points."""
+    total = np.empty(points[0].shape)
+    for rows, part in split_batch(batch, has_several_paths(batch)):
+        model = outlier_model(*grouped_batch(part), options)
+        mixture = model.mixture
+        if isinstance(mixture.rows, DirectBearings):
+            cells: Any = CellBearings.of(mixture.rows, spread_m(cell_m), anywhere=False)
+            mixture = replace(mixture, rows=cells)
+        some = tuple(each[rows] for each in points)
+        total[rows] = cost_at_points(mixture, model.lines.center, some, lambda part, at: part.score(*at))
+    return total
 
 
 def _with_proper_density(options: MixtureOptions) -> MixtureOptions:
@@ -172,6 +190,7 @@ METHOD = MethodSpec(
     reads=frozenset({"range_m", "range_std_m", "path"}),
     direct_rows=_direct_rows,
     path_rows=_path_rows,
+    cost_at=_cost_at,
     dimensions=(2, 3),
     learning=Learning(options=("alpha",), statistics=_count_outliers, update=_next_options),
 )

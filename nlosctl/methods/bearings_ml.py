@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
+import numpy as np
+
+from nlosctl.arrays import FloatArray, Point
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
@@ -14,13 +17,16 @@ from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
 from nlosctl.models.sight import Sight, bearing_lines
 from nlosctl.models.space.lines import SpaceLines
+from nlosctl.solvers.bearings.cell_rows import CellBearings
 from nlosctl.solvers.bearings.constrained import constrain_to_scene
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
 from nlosctl.solvers.bearings.joint_range_bearing import fit_ranged_bearings, range_columns, ranged_lines
 from nlosctl.solvers.bearings.line_fits import LineFit, fit_focused, fit_least_squares, with_independent_errors
 from nlosctl.solvers.bearings.multistart import find_optima
 from nlosctl.solvers.bearings.ranked_optima import finish_alternatives
+from nlosctl.solvers.bearings.row_terms import DirectBearings
 from nlosctl.solvers.bearings.von_mises import fit_von_mises
+from nlosctl.solvers.optimization.point_costs import cost_at_points, cost_point_by_point, spread_m
 from nlosctl.solvers.tracking.path_rows import PathRows
 from nlosctl.solvers.tracking.trusted_rows import trusted_bearings
 
@@ -158,6 +164,30 @@ def _path_rows(batch: BearingBatch, options: MaximumLikelihoodOptions) -> PathRo
     return trusted_bearings(batch, use_ranges=options.use_ranges, lognormal=options.range_noise == "lognormal")
 
 
+def _cost_at(batch: BearingBatch, options: MaximumLikelihoodOptions, points: Point, cell_m: float) -> FloatArray:
+    """Return half the chi-square (B, P) at points, or of cells; in space and by circles always at points."""
+    if options.law == "vonmises":
+        raise UsageError("a posterior under law=vonmises has no model; leave out law=vonmises")
+    lines: Any = bearing_lines(batch)
+    ranges = range_columns(batch, options.use_ranges)
+    lognormal = options.range_noise == "lognormal"
+    if isinstance(lines, SightLines) and lines.circles is None:
+        smallest = np.full(batch.size, np.finfo(np.float64).tiny)
+        rows = DirectBearings.of(lines, smallest, *(ranges or (None, None)), lognormal=lognormal)
+        cells = CellBearings.of(rows, spread_m(cell_m), anywhere=True)
+        cost = cost_at_points(cells, lines.center, points, lambda part, at: part.half_chi_squares(*at))
+    else:
+        if isinstance(lines, SpaceLines) and ranges is not None:
+            lines = lines.with_ranges(*ranges, lognormal=lognormal)
+        cost = cost_point_by_point(
+            lines, lines.center, points, lambda part, at: 0.5 * part.ray_residuals(*at).chi_square
+        )
+    if options.feasible:
+        hidden = cost_point_by_point(lines, lines.center, points, lambda part, at: part.outside_scene(*at))
+        cost[hidden > 0.0] = np.inf
+    return cost
+
+
 def _std_columns(options: MaximumLikelihoodOptions) -> tuple[str, ...]:
     return ("std_factor", "std_dof") if options.law == "vonmises" else ()
 
@@ -184,6 +214,7 @@ METHOD = MethodSpec(
     scales_std=True,
     dimensions=(2, 3),
     std_fault=_std_fault,
+    cost_at=_cost_at,
     estimate_columns_with=_std_columns,
     reads=frozenset({"range_m", "range_std_m"}),
     path_rows=_path_rows,

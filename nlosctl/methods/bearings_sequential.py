@@ -8,35 +8,31 @@ from typing import Literal
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray
+from nlosctl.arrays import FloatArray, IntArray, StatusArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Estimates, Flags, Solution, Trace, has_position
 from nlosctl.contract.statuses import Status
-from nlosctl.errors import UsageError
-from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines, sight_lines
 from nlosctl.solvers.bearings.fix_status import judge_fixes, mark_crossings_behind, nearly_singular
 from nlosctl.solvers.bearings.joint_range_bearing import count_scalars, range_columns
 from nlosctl.solvers.bearings.line_fits import fit_focused, fit_least_squares
 from nlosctl.solvers.bearings.row_terms import DirectBearings
 from nlosctl.solvers.optimization.problem import RowDerivatives, least_chi_square
-from nlosctl.solvers.sequential.orders import Prior, RangedLines, run_all_orders
+from nlosctl.solvers.sequential.orders import RangedLines, run_all_orders
 from nlosctl.solvers.sequential.polar_updates import SourceState
+from nlosctl.solvers.sequential.priors import PRIOR_NAMES, PriorOptions, prior_of
 from nlosctl.solvers.sequential.second_round import second_round
 from nlosctl.solvers.sequential.starting_pairs import starting_pairs
 
 __all__ = ["METHOD", "SequentialOptions", "solve"]
 
 _UNKNOWNS = 2
-_POSITION = ("prior_x_m", "prior_y_m")
-_STD = "prior_std_m"
-_COVARIANCE = ("prior_cov_xx_m2", "prior_cov_xy_m2", "prior_cov_yy_m2")
 
 
 @dataclass(frozen=True, kw_only=True)
-class SequentialOptions:
+class SequentialOptions(PriorOptions):
     """Parameters of ``sequential``."""
 
     bootstraps: int = option(5, minimum=1, maximum=1000, meaning="runs from different pairs; the likeliest is kept")
@@ -48,18 +44,6 @@ class SequentialOptions:
     )
     use_ranges: bool = option(True, meaning="whether ranges are used where rows have them")
     range_noise: Literal["gaussian", "lognormal"] = option("gaussian", meaning="distribution of the range error")
-    prior_x_m: float | None = option(None, unit="m", meaning="prior x of the source, in place of a pair of rows")
-    prior_y_m: float | None = option(None, unit="m", meaning="prior y of the source")
-    prior_std_m: float | None = option(
-        None, unit="m", minimum=0.0, exclusive=True, meaning="standard deviation of the prior in x and in y"
-    )
-    prior_cov_xx_m2: float | None = option(
-        None, unit="m2", minimum=0.0, exclusive=True, meaning="covariance of the prior, in place of prior_std_m"
-    )
-    prior_cov_xy_m2: float | None = option(None, unit="m2", meaning="covariance of the prior")
-    prior_cov_yy_m2: float | None = option(
-        None, unit="m2", minimum=0.0, exclusive=True, meaning="covariance of the prior"
-    )
     min_range_m: float = option(
         0.0, unit="m", minimum=0.0, meaning="a fix closer than this to a sensor that it uses is degenerate"
     )
@@ -76,7 +60,7 @@ def solve(batch: BearingBatch, options: SequentialOptions) -> Solution:
     """
     lines = sight_lines(batch)
     measured_m, range_std_m = range_columns(batch, options.use_ranges) or (None, None)
-    prior = _prior(batch, lines, options)
+    prior = prior_of(batch, lines.center, options)
     ranged = RangedLines(lines, measured_m, range_std_m, options.range_noise == "lognormal", prior)
     states, rows = _best_run(ranged, batch, options)
     if options.relinearize:
@@ -129,51 +113,6 @@ def _best_run(
     last = run.states[-1]
     misfit = ranged.misfit(last.x, last.y)
     return run.pick(np.argmin(np.where(last.alive & np.isfinite(misfit), misfit, np.inf), axis=1))
-
-
-def _prior(batch: BearingBatch, lines: SightLines, options: SequentialOptions) -> Prior | None:
-    """Return the prior of each snapshot: that of the file, else that of the parameters."""
-    parts = [np.full(batch.size, value) for value in _given_prior(options)]
-    if batch.prior_xy_m is not None and batch.measurements:
-        position = (batch.prior_xy_m[:, 0, 0], batch.prior_xy_m[:, 0, 1])
-        for own in (_own_std(batch), _own_covariance(batch)):
-            if own is not None:
-                complete = np.isfinite([*position, *own]).all(axis=0)
-                parts = [np.where(complete, mine, part) for mine, part in zip((*position, *own), parts, strict=True)]
-    known: BoolArray = np.isfinite(np.stack(parts)).all(axis=0)
-    if not known.any():
-        return None
-    x, y, *covariance = parts
-    return Prior(x - lines.center_x, y - lines.center_y, SymmetricMatrix(*covariance), known)
-
-
-def _given_prior(options: SequentialOptions) -> tuple[float, ...]:
-    """Return x, y, xx, xy and yy of the parameters' prior, NaN without one; UsageError for a part of one."""
-    values = {name: getattr(options, name) for name in (*_POSITION, _STD, *_COVARIANCE)}
-    given = {name: float(value) for name, value in values.items() if value is not None}
-    if not given:
-        return (np.nan,) * 5
-    needed = (*_POSITION, *(_COVARIANCE if given.keys() & set(_COVARIANCE) else (_STD,)))
-    if given.keys() != set(needed):
-        alone = f", without {_STD}" if _STD in given and _STD not in needed else ""
-        raise UsageError(f"a prior needs all of {', '.join(needed[:-1])} and {needed[-1]}{alone}")
-    if _STD in given:
-        return given["prior_x_m"], given["prior_y_m"], given[_STD] ** 2, 0.0, given[_STD] ** 2
-    x, y, xx, xy, yy = (given[name] for name in needed)
-    if xy * xy >= xx * yy:
-        raise UsageError(f"prior_cov_xy_m2 = {xy:g}: its square must be below the product of {xx:g} and {yy:g}")
-    return x, y, xx, xy, yy
-
-
-def _own_std(batch: BearingBatch) -> tuple[FloatArray, ...] | None:
-    if batch.prior_std_m is None:
-        return None
-    variance = batch.prior_std_m[:, 0] * batch.prior_std_m[:, 0]
-    return variance, np.where(np.isfinite(variance), 0.0, np.nan), variance
-
-
-def _own_covariance(batch: BearingBatch) -> tuple[FloatArray, ...] | None:
-    return None if batch.prior_cov_m2 is None else tuple(batch.prior_cov_m2[:, 0].T)
 
 
 def _status(batch: BearingBatch, ranged: RangedLines, last: SourceState, min_range_m: float) -> StatusArray:
@@ -234,5 +173,5 @@ METHOD = MethodSpec(
     randomized=True,
     traces=True,
     exempt_from=frozenset({"order"}),
-    reads=frozenset({"range_m", "range_std_m", *_POSITION, _STD, *_COVARIANCE}),
+    reads=frozenset({"range_m", "range_std_m", *PRIOR_NAMES}),
 )

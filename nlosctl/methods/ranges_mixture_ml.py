@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray
+from nlosctl.arrays import FloatArray, Point
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.learning import Learning
 from nlosctl.contract.methods import MethodSpec
@@ -30,6 +30,7 @@ from nlosctl.solvers.mixture.ranked_estimates import (
     ranked_status,
 )
 from nlosctl.solvers.mixture.verdicts import is_uncertain, prefer_feasible_modes
+from nlosctl.solvers.optimization.point_costs import cost_at_points, spread_m
 from nlosctl.solvers.tracking.path_rows import PathRows
 
 __all__ = ["METHOD", "RangeMixtureOptions", "solve"]
@@ -176,6 +177,12 @@ def _path_rows(batch: RangeBatch, options: RangeMixtureOptions) -> PathRows:
     )
 
 
+def _cost_at(batch: RangeBatch, options: RangeMixtureOptions, points: Point, cell_m: float) -> FloatArray:
+    """Return the negative log-likelihood (B, P) of the mixture at points, or of cells, which widen the rows' stds."""
+    _, _, model = _model(replace(batch, range_std_m=np.hypot(batch.range_std_m, spread_m(cell_m))), options)
+    return cost_at_points(model.mixture, model.circles.center, points, lambda part, at: part.score(*at))
+
+
 def _count_outliers(batch: RangeBatch, options: RangeMixtureOptions) -> FloatArray:
     """Return the sums that `_next_options` needs, of each snapshot."""
     _, model, candidates, modes = _search(batch, options)
@@ -213,6 +220,7 @@ METHOD = MethodSpec(
     reads=frozenset({"reflector", "path"}),
     direct_rows=_direct_rows,
     path_rows=_path_rows,
+    cost_at=_cost_at,
     dimensions=(2, 3),
     learning=Learning(
         options=("alpha", "bias_mean_m"), statistics=_count_outliers, update=_next_options, refusal=_refusal

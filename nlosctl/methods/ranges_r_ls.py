@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from nlosctl.arrays import FloatArray, Point
 from nlosctl.contract.batches import RangeBatch
 from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
+from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.models.ranges.spheres import range_rows
+from nlosctl.solvers.optimization.point_costs import cost_at_points, spread_m
 from nlosctl.solvers.ranges.optima import estimate_factors, finish_range_fix, optimize_ranges, with_covariances
 from nlosctl.solvers.tracking.trusted_rows import trusted_ranges
 
@@ -55,6 +60,14 @@ def solve(batch: RangeBatch, options: RangeLeastSquaresOptions) -> Solution:
     )
 
 
+def _cost_at(batch: RangeBatch, options: RangeLeastSquaresOptions, points: Point, cell_m: float) -> FloatArray:
+    """Return half the chi-square (B, P) at points, or of cells, whose extent widens the standard deviations."""
+    std_m = np.hypot(batch.range_std_m, spread_m(cell_m))
+    rows = range_rows(replace(batch, range_std_m=std_m))
+    cost = cost_at_points(rows, rows.center, points, lambda part, at: part.half_chi_squares(*at))
+    return np.asarray(cost + sum_measurements(np.log(std_m / batch.range_std_m))[:, None])
+
+
 METHOD = MethodSpec(
     name="r-ls",
     kind="ranges",
@@ -72,4 +85,4 @@ METHOD = MethodSpec(
     path_rows=lambda batch, options: trusted_ranges(batch),
 )
 
-ML = replace(METHOD, name="ml", summary="another name of r-ls: the default of localize")
+ML = replace(METHOD, name="ml", summary="another name of r-ls: the default of localize", cost_at=_cost_at)

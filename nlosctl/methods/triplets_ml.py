@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray
+from nlosctl.arrays import BoolArray, FloatArray, Point
 from nlosctl.contract.batches import TripletBatch
 from nlosctl.contract.methods import MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Estimates, Flags, Solution, has_position
 from nlosctl.models.triplets import PathRows, SpacePaths, paths_of, snapshot_centers
+from nlosctl.solvers.optimization.point_costs import cost_point_by_point, spread_m
+from nlosctl.solvers.triplets.cell_costs import cell_cost
 from nlosctl.solvers.triplets.likelihood import TripletProblem
 from nlosctl.solvers.triplets.target_fits import TargetFits, fit_paths, fit_snapshots
 from nlosctl.solvers.triplets.target_status import curved_covariance, judge_targets, mark_ambiguous, path_estimates
@@ -72,6 +74,13 @@ def _solve_snapshots(
     return _solution(estimates, answered, problem.residuals(*fits.point) if batch.want_flags else {})
 
 
+def _cost_at(batch: TripletBatch, options: MaximumLikelihoodOptions, points: Point, cell_m: float) -> FloatArray:
+    """Return half the chi-square (B, P) of all paths of a snapshot together, at points or of cells."""
+    center = snapshot_centers(batch)
+    problem = TripletProblem.of_snapshots(batch, center)
+    return cost_point_by_point(problem, center, points, lambda part, at: cell_cost(part, at, spread_m(cell_m)))
+
+
 def _solution(estimates: Estimates, answered: BoolArray, residuals: dict[str, FloatArray]) -> Solution:
     """Return the solution with the residuals, if there are any."""
     if not residuals:
@@ -90,6 +99,7 @@ METHOD = MethodSpec(
     solve=solve,
     cost="half the chi-square of the residuals",
     minimum_measurements=1,
+    cost_at=_cost_at,
     dimensions=(2, 3),
     flags=(
         "residual_dod_rad",

@@ -14,6 +14,7 @@ ROWS = "1,s,0,0,45,1000,1000\n1,t,2000,0,135,1000,1000\n1,u,0,2000,-45,1000,1000
 READERS = {
     "localize": ("localize", "m.csv", "-o", "e.csv"),
     "bound": ("bound", "m.csv", "-o", "b.csv"),
+    "posterior": ("posterior", "m.csv", "--all", "-o", "p.csv"),
     "validate": ("validate", "m.csv"),
     "plot": ("plot", "m.csv", "-o", "p.svg"),
 }

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from nlosctl.cli.options.completion import complete_view
-from nlosctl.cli.options.declarations import ConfigFile, Debug, Json, Quiet
+from nlosctl.cli.options.declarations import ConfigFile, Debug, Json, Quiet, Snapshot
 from nlosctl.cli.options.settings import takes_options, with_flags
 from nlosctl.cli.terminal import Terminal, print_json, print_table
 from nlosctl.contract.run_options import InputOptions, OutputOptions
@@ -62,12 +62,7 @@ def plot(
     views: Annotated[
         bool, typer.Option("--views", rich_help_panel="Method", help="List the views that suit the files, and exit.")
     ] = False,
-    snapshot: Annotated[
-        str | None,
-        typer.Option(
-            "--snapshot", metavar="ID", rich_help_panel="Method", help="Snapshot to plot; default: the first."
-        ),
-    ] = None,
+    snapshot: Snapshot = None,
     path: Annotated[
         list[str],
         typer.Option(

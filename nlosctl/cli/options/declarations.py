@@ -8,7 +8,19 @@ import typer
 
 from nlosctl.cli.options.settings import take_config
 
-__all__ = ["CONFIG_HELP", "ConfigFile", "Debug", "FailIf", "Inputs", "Json", "Quiet", "Strict", "Truth", "Verbose"]
+__all__ = [
+    "CONFIG_HELP",
+    "ConfigFile",
+    "Debug",
+    "FailIf",
+    "Inputs",
+    "Json",
+    "Quiet",
+    "Snapshot",
+    "Strict",
+    "Truth",
+    "Verbose",
+]
 
 CONFIG_HELP = "Config file (TOML); flags and NLOSCTL_<COMMAND>_<OPTION> take precedence."
 
@@ -34,6 +46,12 @@ Truth = Annotated[
     str | None,
     typer.Option(
         "--truth", metavar="FILE", rich_help_panel="Input", help="True positions: snapshot, truth_x_m, truth_y_m."
+    ),
+]
+Snapshot = Annotated[
+    str | None,
+    typer.Option(
+        "--snapshot", metavar="ID", rich_help_panel="Method", help="Snapshot to show; plot: by default the first."
     ),
 ]
 ConfigFile = Annotated[

@@ -12,6 +12,7 @@ from nlosctl.contract.tables.bound import BOUND
 from nlosctl.contract.tables.calibration import CALIBRATION, DEVIATIONS
 from nlosctl.contract.tables.columns import SWEEP_PREFIX, Column, ColumnType, Spelling, Table, is_swept
 from nlosctl.contract.tables.motion import FIXES, PART, VELOCITY
+from nlosctl.contract.tables.posterior import POSTERIOR
 from nlosctl.contract.tables.results import ESTIMATES, FLAGS, TRUTH
 from nlosctl.contract.tables.scores import SCORES
 from nlosctl.contract.tables.shared import DEGREE, EARTH_PLACES
@@ -33,6 +34,7 @@ __all__ = [
     "FLAGS",
     "KINDS",
     "PART",
+    "POSTERIOR",
     "RANGES",
     "SCORES",
     "SWEEP_PREFIX",
@@ -57,7 +59,10 @@ __all__ = [
 KINDS: dict[str, Table] = {table.name: table for table in (BEARINGS, RANGES, TRIPLETS, ARRIVALS)}
 """The tables of measurements by their kind."""
 
-_TABLES_OF_ROWS = {**KINDS, **{table.name: table for table in (ESTIMATES, FLAGS, TRACE, BOUND, SCORES, TRUTH)}}
+_TABLES_OF_ROWS = {
+    **KINDS,
+    **{table.name: table for table in (ESTIMATES, FLAGS, TRACE, BOUND, POSTERIOR, SCORES, TRUTH)},
+}
 
 TABLES: dict[str, Table] = {**_TABLES_OF_ROWS, CALIBRATION.name: CALIBRATION, DEVIATIONS.name: DEVIATIONS}
 """Every table by its name; ``schemas/`` has one file for each."""
@@ -111,5 +116,5 @@ def result_table(names: Collection[str]) -> Table | None:
     """Return the table of results that has the columns ``names``, None if it is not one: measurements, perhaps."""
     if "of" in names and not {"rows", "snapshots"}.isdisjoint(names):
         return SCORES
-    candidates = (BOUND, ESTIMATES, TRACE, FLAGS)
+    candidates = (BOUND, POSTERIOR, ESTIMATES, TRACE, FLAGS)
     return next((table for table in candidates if all(column.name in names for column in table.required)), None)

@@ -1,4 +1,4 @@
-"""Tables of simulated measurements, of bounds, of scores and of calibrations."""
+"""Tables of simulated measurements, of bounds, of posterior maps, of scores and of calibrations."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from nlosctl.arrays import IntArray
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.calibration import Calibration
-from nlosctl.contract.tables import BOUND, CALIBRATION, DEVIATIONS, KINDS, SCORES, is_swept
+from nlosctl.contract.tables import BOUND, CALIBRATION, DEVIATIONS, KINDS, POSTERIOR, SCORES, is_swept
 from nlosctl.io.arrow_columns import ARROW_TYPES, SweepColumns
 from nlosctl.io.calibrations.calibration_file import entry_values
 from nlosctl.io.calibrations.harmonic_entries import harmonic_values
@@ -26,6 +26,8 @@ __all__ = [
     "calibration_schema",
     "calibration_table",
     "measurement_table",
+    "posterior_schema",
+    "posterior_table",
     "score_table",
 ]
 
@@ -101,6 +103,23 @@ def bound_table(
         else:
             columns.append(rows.column(field.name).take(pa.array(first_row)).cast(field.type))
     return pa.table(columns, schema=schema)
+
+
+def posterior_schema(input_schema: Any | None) -> Any:
+    """Return the Arrow schema of posterior maps; with ``snapshot`` where the schema of an input is given."""
+    fields = [pa.field(column.name, ARROW_TYPES[column.type]) for column in POSTERIOR.columns[1:]]
+    if input_schema is not None:
+        fields.insert(0, pa.field("snapshot", snapshot_field(input_schema).type))
+    return pa.schema(fields)
+
+
+def posterior_table(arrays: Mapping[str, FloatArray], schema: Any, snapshot: Any = None) -> Any:
+    """Return a map as a table from arrays (P,) by column name; ``snapshot`` is its id, an Arrow scalar."""
+    size = arrays["x_m"].shape[0]
+    columns = {name: pa.array(values) for name, values in arrays.items()}
+    if "snapshot" in schema.names:
+        columns["snapshot"] = pa.repeat(snapshot.cast(schema.field("snapshot").type), size)
+    return pa.table([columns[name] for name in schema.names], schema=schema)
 
 
 def score_table(of: str, groups: Sequence[Mapping[str, Any]], by: Sequence[str] = ()) -> Any:

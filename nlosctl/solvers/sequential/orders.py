@@ -22,31 +22,9 @@ from nlosctl.solvers.sequential.polar_updates import (
     update_bearings,
     update_ranges,
 )
+from nlosctl.solvers.sequential.priors import Prior
 
 __all__ = ["Prior", "RangedLines", "Run", "pair_state", "run_all_orders"]
-
-
-@dataclass(frozen=True)
-class Prior(RowBlock):
-    """Where the sources (B,) were expected, about the local origin, with the covariance (B,) in square metres.
-
-    ``known`` marks the snapshots that have a prior.
-    """
-
-    x: FloatArray
-    y: FloatArray
-    covariance: SymmetricMatrix
-    known: BoolArray
-
-    def information(self) -> SymmetricMatrix:
-        """Return the inverse covariance (B,), zero where there is no prior."""
-        nothing = SymmetricMatrix.full(self.x.shape, 0.0)
-        return self.covariance.inverse().where(self.known, nothing)
-
-    def half_chi_square(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return half the squared normalized distance of points (B, M) from the prior; 0 without one."""
-        dx, dy = (np.where(self.known, part, 0.0)[:, None] for part in (self.x, self.y))
-        return 0.5 * self.information().at(slice(None), None).quadratic_form(x - dx, y - dy)
 
 
 @dataclass(frozen=True)

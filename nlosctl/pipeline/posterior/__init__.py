@@ -1,0 +1,1 @@
+"""The posterior of the position on a grid of cells."""
