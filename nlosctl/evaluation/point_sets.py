@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -31,7 +32,7 @@ class SetDistance:
 
 
 def set_distance(estimated_m: FloatArray, true_m: FloatArray, *, order: float, cutoff_m: float) -> SetDistance:
-    """Return the distances between estimated points (T, 2) and true ones (K, 2) in metres, of ``order`` p, cutoff c.
+    """Return the distances between estimated points (T, D) and true ones (K, D) in metres, of ``order`` p, cutoff c.
 
     OSPA: Schuhmacher, Vo, Vo 2008, (3); GOSPA: Rahmathullah, Garcia-Fernandez, Svensson 2017, with alpha = 2: a
     missed or a false point costs c^p / 2. Points without a position (NaN) are farther than the cutoff. Two empty
@@ -39,7 +40,7 @@ def set_distance(estimated_m: FloatArray, true_m: FloatArray, *, order: float, c
     """
     estimated_count, true_count = estimated_m.shape[0], true_m.shape[0]
     offset = estimated_m[:, None] - true_m[None]
-    distance = np.hypot(offset[..., 0], offset[..., 1])
+    distance = reduce(np.hypot, np.moveaxis(offset, -1, 0))
     with ignoring_invalid():
         cut = np.where(distance < cutoff_m, distance, cutoff_m)
     powers = cut**order

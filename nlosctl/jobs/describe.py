@@ -77,7 +77,7 @@ def _of_table(
     """
     first: NlosctlError | None = None
     for constants in _constants():
-        options = dataclasses.replace(read, constants={**constants, **read.constants})
+        options = dataclasses.replace(read, constants={**constants, **read.constants}, unlabelled="marked")
         for _ in range(_MOST_RENAMES):
             try:
                 return _read(given, options, progress)

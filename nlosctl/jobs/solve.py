@@ -56,7 +56,7 @@ def solve(
         read,
         use_threads=options.jobs != 1,
         missing_std=_missing_std(job, options),
-        unlabelled=job == "identify-los",
+        unlabelled="always" if job == "identify-los" else "",
         extra_columns=read.extra_columns if "flags" in wanted else carried_names((*write.carry, *read.by)),
     )
     with naming_importer(inputs):

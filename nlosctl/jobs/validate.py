@@ -26,7 +26,7 @@ def validate(
     console: Console | None = None,
 ) -> dict[str, Any]:
     """Return kind, counts, columns and remarks of measurements; raises DataError for faults that are not set aside."""
-    read = dataclasses.replace(read, all_rows=True)
+    read = dataclasses.replace(read, all_rows=True, unlabelled="marked")
     with (
         open_measurements(inputs, read, write, Destination(protected=protected)) as opened,
         OutputSet() as outputs,

@@ -62,7 +62,7 @@ VIEWS: dict[str, View] = {
         ),
         View(
             name="echoes",
-            shows="one snapshot of ranges as circles about their sensors, by assigned target",
+            shows="one snapshot of ranges as circles about their sensors, or of bearings as rays, by assigned target",
             takes="flags of identify-los, with or without its estimates",
             uses=("snapshot", "target_z_m"),
         ),

@@ -74,6 +74,6 @@ def _views_of_measurements(files: Sequence[PlotInput]) -> list[str]:
         return []
     if measured[0].kind == "triplets":
         return ["triplets"]
-    if {"target", "los"} <= set(measured[0].names) and measured[0].kind == "ranges":
+    if {"target", "los"} <= set(measured[0].names) and measured[0].kind in ("ranges", "bearings"):
         return ["echoes", "scene"]
     return ["scene"]

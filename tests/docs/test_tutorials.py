@@ -28,6 +28,7 @@ EXAMPLES = [
     "over-the-horizon",
     "plotting",
     "settings",
+    "several-sources",
     "three-dimensions",
     "tracks",
     "uncertain-geometry",

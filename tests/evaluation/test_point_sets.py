@@ -17,7 +17,7 @@ def brute(found: np.ndarray, true: np.ndarray, order: float, cutoff: float) -> t
         return 0.0, 0.0
     ospa, gospa = np.inf, np.inf
     for chosen in permutations(range(len(large)), len(small)):
-        distance = np.hypot(*(small - large[list(chosen)]).T)
+        distance = np.linalg.norm(small - large[list(chosen)], axis=1)
         powers = np.minimum(distance, cutoff) ** order
         surplus = cutoff**order * (len(large) - len(small))
         ospa = min(ospa, ((powers.sum() + surplus) / len(large)) ** (1.0 / order))
@@ -25,13 +25,14 @@ def brute(found: np.ndarray, true: np.ndarray, order: float, cutoff: float) -> t
     return ospa, gospa
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("order", [1.0, 2.0])
-def test_distances_agree_with_brute_force(order: float) -> None:
-    """Both distances equal the minimum over all assignments; their parts add up in the p-th power."""
+def test_distances_agree_with_brute_force(order: float, dimension: int) -> None:
+    """Both distances equal the minimum over all assignments, in space too; their parts add up in the p-th power."""
     generator = np.random.default_rng(1)
     for found_count in range(5):
         for true_count in range(5):
-            found, true = (generator.uniform(0.0, 50.0, (n, 2)) for n in (found_count, true_count))
+            found, true = (generator.uniform(0.0, 50.0, (n, dimension)) for n in (found_count, true_count))
             distance = set_distance(found, true, order=order, cutoff_m=20.0)
             ospa, gospa = brute(found, true, order, 20.0)
             assert distance.ospa_m == pytest.approx(ospa)

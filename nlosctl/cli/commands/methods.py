@@ -26,6 +26,9 @@ _PAPERS = {
     "Problems, IEEE Transactions on Signal Processing 56(5), 1770-1778, 2008",
     "Chan, Ho 1994": "Y.-T. Chan, K. C. Ho, A Simple and Efficient Estimator for Hyperbolic Location, IEEE "
     "Transactions on Signal Processing 42(8), 1905-1915, 1994",
+    "Pattipati, Deb, Bar-Shalom, Washburn 1992": "K. R. Pattipati, S. Deb, Y. Bar-Shalom, R. B. Washburn, A New "
+    "Relaxation Algorithm and Passive Sensor Data Association, IEEE Transactions on Automatic Control 37(2), 198-213, "
+    "1992",
     "Shen, Molisch 2012": "J. Shen, A. F. Molisch, Indirect Path Detection Based on Wireless Propagation "
     "Measurements, IEEE Transactions on Wireless Communications, 2012, doi:10.1109/TWC.2012.112012.120104",
     "Ananthasubramaniam, Madhow": "B. Ananthasubramaniam, U. Madhow, Cooperative Localization Using Angle of Arrival "

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import kind_of_columns
@@ -29,7 +31,8 @@ def open_next(given: Input, part: Part, options: InputOptions, survey: InputSurv
                 f"{part.name}: times in {opened.time_column!r}, those of {first.name} are not; give one kind"
             )
         names = opened.all_names
-        kind = unlabelled_table(None, names).name if options.unlabelled else kind_of_columns(names)
+        unlabelled = unlabelled_table(replace(options, kind=None), names) if options.unlabelled else None
+        kind = kind_of_columns(names) if unlabelled is None else unlabelled.name
         if options.kind is None and kind != survey.table.name:
             raise DataError(
                 f"{part.name}: contains {kind}, but {first.name} contains {survey.table.name}; "

@@ -227,7 +227,7 @@ def planned(
         raise DataError(f"{part.name}: duplicate column {twice[0]!r}; rename or drop one")
     is_first, given = table is None, {*options.constants, *options.default_constants}
     if table is None and options.unlabelled:
-        table = unlabelled_table(options.kind, [*file.names, *options.columns])
+        table = unlabelled_table(options, [*file.names, *options.columns])
     table = table or kind_table(options.kind or kind_of_columns([*file.names, *options.columns], given))
     needs_times = bool(scene.time_column) or options.window is not None or options.keep_times
     table = table.with_further(times=needs_times, headings=getattr(options.calibration, "harmonics", 0) > 0)

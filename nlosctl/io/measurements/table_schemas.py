@@ -8,10 +8,11 @@ from typing import Any
 
 import pyarrow as pa
 
+from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables import KINDS, Table, contract_names
 from nlosctl.errors import DataError
-from nlosctl.io.measurements.column_mapping import kind_table
+from nlosctl.io.measurements.column_mapping import kind_of_columns, kind_table
 from nlosctl.io.paths.inputs import Part
 from nlosctl.io.readers.base import as_text, plain, plain_type
 
@@ -20,13 +21,21 @@ __all__ = ["check_same_scene", "conformed", "unified_schema", "unlabelled_table"
 _UNLABELLED = {"ranges": "range_m", "bearings": "bearing_rad"}
 """The measured column of each kind whose rows may be unlabelled; of a file that has both, the first is meant."""
 
+_MARKS = ({"truth_target"}, {"target", "los"})
+"""Columns that mark rows as those of several targets: of simulations, and flags of `identify-los`."""
 
-def unlabelled_table(kind: str | None, names: Iterable[str]) -> Table:
-    """Return the table of a file of unlabelled rows with the columns ``names``; no key that none of them may repeat.
 
-    It is that of a ``kind``, if given, else that of ranges where the file has them, else of bearings.
+def unlabelled_table(options: InputOptions, names: Iterable[str]) -> Table | None:
+    """Return the table of a file of unlabelled rows with the columns ``names``; None if its rows are not.
+
+    It has no key that no rows may share. Where rows are always unlabelled it is that of ranges if the file has them,
+    else of bearings, unless the kind is given.
     """
-    given = set(names)
+    given, kind = set(names), options.kind
+    if options.unlabelled == "marked":
+        if not any(given >= mark for mark in _MARKS):
+            return None
+        kind = kind or kind_of_columns(given)
     measured = [own for own, name in _UNLABELLED.items() if given.intersection(KINDS[own].column(name).accepted_names)]
     return replace(kind_table(kind or next(iter(measured), "ranges")), row_key=())
 

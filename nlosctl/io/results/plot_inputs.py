@@ -203,9 +203,8 @@ def read_snapshot(file: PlotInput, options: InputOptions, snapshot: str | None) 
 
 def _with_missing_constants(options: InputOptions) -> InputOptions:
     """Return the options with constants that give way to columns: all files of a figure share the options."""
-    return dataclasses.replace(
-        options, constants={}, default_constants={**options.default_constants, **options.constants}
-    )
+    defaults = {**options.default_constants, **options.constants}
+    return dataclasses.replace(options, constants={}, default_constants=defaults, unlabelled="marked")
 
 
 def read_rows_of_snapshot(file: PlotInput, snapshot: str | None) -> tuple[str, Columns]:

@@ -49,7 +49,7 @@ def table_commands(name: str, read: InputOptions, found: Description, assumed: C
 
 
 def _method(found: Description) -> tuple[str, str]:
-    if found.kind == "ranges" and found.repeats:
+    if found.kind in ("ranges", "bearings") and found.repeats:
         return "identify-los", "assignment"
     return _METHODS[found.kind]
 

@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from nlosctl.arrays import FloatArray
 from nlosctl.io.results.plot_inputs import PlotSnapshot
@@ -19,7 +18,13 @@ from nlosctl.plotting.library import Axes, Circle
 from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors, legend_once
 from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.views.close_ups import draw_with_close_up
-from nlosctl.plotting.views.measured_rows import first_measurements, horizontal_ranges, row_positions, sensor_positions
+from nlosctl.plotting.views.measured_rows import (
+    assigned_targets,
+    first_measurements,
+    horizontal_ranges,
+    row_positions,
+    sensor_positions,
+)
 from nlosctl.plotting.views.scene import draw_range
 from nlosctl.plotting.views.snapshot_rows import (
     Columns,
@@ -28,6 +33,7 @@ from nlosctl.plotting.views.snapshot_rows import (
     estimate_rows_of,
     positions_of,
 )
+from nlosctl.plotting.views.sources import draw_source_view
 from nlosctl.plotting.views.two_views import across, coordinates, draw_plan_and_elevation, seen_reflectors
 
 __all__ = ["draw_echo_view"]
@@ -37,9 +43,11 @@ _MOST_TARGETS = 7
 
 @figure_style()
 def draw_echo_view(request: PlotRequest) -> Picture:
-    """Draw the circles, the estimated targets with their ellipses, if any, and the truth."""
+    """Draw the circles (of bearings the rays), the estimated targets with their ellipses, if any, and the truth."""
     measured = first_measurements(request)
     assert measured is not None  # noqa: S101 - only such files have this view
+    if measured.kind == "bearings":
+        return draw_source_view(request, measured)
     _, estimates = estimate_rows_of(request.of("estimates"), measured.id)
     scene, title = measured.scene, f"Snapshot {measured.id}"
     curved = scene.frame is not None and scene.frame.on_ellipsoid
@@ -66,13 +74,6 @@ def draw_echo_view(request: PlotRequest) -> Picture:
     return draw_with_close_up(request, draw, title, scene.frame)
 
 
-def _targets(measured: PlotSnapshot) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """Return the target (K,) of each echo, and whether it is a direct one."""
-    size = len(measured.sensor)
-    target = np.asarray(measured.file_columns.get("target", np.full(size, np.nan)), dtype=np.float64)
-    return target, (measured.file_columns.get("los", np.zeros(size)) == 1) & ~np.isnan(target)
-
-
 def _section_radii(
     measured: PlotSnapshot, estimates: Sequence[tuple[str, Columns]], seen: str, target_z_m: float | None
 ) -> tuple[FloatArray, list[str]]:
@@ -81,7 +82,7 @@ def _section_radii(
     A circle is at the third coordinate of the echo's target, else of the first one; in the plan at ``target_z_m``, if
     given.
     """
-    axis, (target, _) = across(seen), _targets(measured)
+    axis, (target, _) = across(seen), assigned_targets(measured)
     depth = np.full(target.shape, np.nan if axis != "z" or target_z_m is None else target_z_m)
     for _, columns in estimates if np.isnan(depth).all() else ():
         (place,) = positions_of(columns, f"{axis}_m").T
@@ -105,7 +106,7 @@ def _draw_circles(
     measured: PlotSnapshot, radii: FloatArray, draw_row: Any, extent: Extent, *, whole: bool
 ) -> list[str]:
     """Draw each echo, direct ones in the style of their target; ``whole`` includes direct circles in the extent."""
-    sensor, (target, direct) = row_positions(measured), _targets(measured)
+    sensor, (target, direct) = row_positions(measured), assigned_targets(measured)
     order = np.lexsort((np.where(direct, target, 0.0), direct))
     labels: set[str] = set()
     for row in order[np.isfinite(radii[order])]:

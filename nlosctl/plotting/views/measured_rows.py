@@ -19,6 +19,7 @@ from nlosctl.plotting.views.many_rows import draw_faint_lines
 __all__ = [
     "ROW_LOOKS",
     "RowLook",
+    "assigned_targets",
     "draw_row_curves",
     "first_measurements",
     "horizontal_ranges",
@@ -121,6 +122,13 @@ def draw_row_curves(axes: Axes, lines: Sequence[FloatArray], look: RowLook, labe
             scalex=False,
             scaley=False,
         )
+
+
+def assigned_targets(measured: PlotSnapshot) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Return the target (K,) of each unlabelled row, NaN without one, and whether it is a direct row of it."""
+    size = len(measured.sensor)
+    target = np.asarray(measured.file_columns.get("target", np.full(size, np.nan)), dtype=np.float64)
+    return target, (measured.file_columns.get("los", np.zeros(size)) == 1) & ~np.isnan(target)
 
 
 def row_kinds(measured: PlotSnapshot) -> list[str]:

@@ -33,6 +33,7 @@ _CLOSE = 4.0
 _PROMISING = -5.0
 """And if its predicted weight is at least this, in nats."""
 
+_LARGEST_CODE = 1 << 62
 _NOTHING = -1
 
 
@@ -182,8 +183,9 @@ def _limit(model: SourceModel, sets: SourceSets, gates: Gates) -> FloatArray:
 
 def _chi_square_limit(model: SourceModel, snapshot: IntArray, rows: IntArray, false_alarm: float) -> FloatArray:
     scalars = np.where(rows >= 0, model.scalars[snapshot[:, None], np.maximum(rows, 0)], 0).sum(axis=1)
-    degrees = scalars + model.height_scalars()[snapshot] - model.unknowns
-    return np.asarray(2.0 * gammainccinv(0.5 * np.maximum(degrees, 1), false_alarm))
+    degrees = np.maximum(scalars + model.height_scalars()[snapshot] - model.unknowns, 1)
+    limits = 2.0 * gammainccinv(0.5 * np.arange(1, int(degrees.max(initial=1)) + 1), false_alarm)
+    return np.asarray(limits[degrees - 1])
 
 
 def _variants(
@@ -249,5 +251,11 @@ def _with_fewer_sensors(rows: IntArray, least: int) -> tuple[IntArray, IntArray]
 
 def _different(snapshot: IntArray, rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """Return the different snapshots and rows in sorted order, and the index of the first of each."""
-    both, first = np.unique(np.concatenate([snapshot[:, None], rows], axis=1), axis=0, return_index=True)
-    return both[:, 0], both[:, 1:], first
+    base, code, size = int(rows.max(initial=0)) + 2, snapshot, int(snapshot.max(initial=0)) + 1
+    for own in rows.T:
+        if size > _LARGEST_CODE // base:
+            values, code = np.unique(code, return_inverse=True)
+            size = values.shape[0]
+        code, size = code * base + own + 1, size * base
+    _, first = np.unique(code, return_index=True)
+    return snapshot[first], rows[first], first
