@@ -128,6 +128,7 @@ class Places:
     repeated at the end, NaN without a covariance. ``semi_major_m``, ``semi_minor_m`` (N,) are its semi-axes,
     ``major_azimuth_rad`` (N,) the direction of its major axis, clockwise from true north. ``cut`` has the parts of
     outlines that cross the 180th meridian or go around a pole, by row: closed rings between -180 and 180 degrees.
+    ``track`` are the columns by which the estimates are states of separate tracks, if they are.
     """
 
     columns: Mapping[str, Sequence[Any]]
@@ -141,6 +142,7 @@ class Places:
     on_earth: bool
     cut: Mapping[int, Sequence[FloatArray]] = field(default_factory=dict)
     z: FloatArray | None = None
+    track: Sequence[str] = ()
 
     def point(self, row: int) -> list[float]:
         """Return x and y of a row, and the height where there are heights; empty without a position."""

@@ -12,6 +12,7 @@ from typing import IO, Any
 
 from nlosctl.contract.formats import ExporterSpec, Places
 from nlosctl.formats.map_options import MapOptions, known_values, title
+from nlosctl.formats.track_lines import TrackLine, TrackLines, iso_time
 
 __all__ = ["FORMAT"]
 
@@ -21,7 +22,7 @@ _FILL = {"solidColor": {"color": {"rgba": [255, 85, 0, 60]}}}
 
 class _Writer:
     def __init__(self, sink: IO[bytes], options: MapOptions) -> None:
-        self._sink, self._number = sink, 0
+        self._sink, self._number, self._tracks = sink, 0, TrackLines()
         sink.write(b'[\n{"id": "document", "name": "nlosctl estimates", "version": "1.0"}')
 
     def write(self, places: Places) -> None:
@@ -29,8 +30,12 @@ class _Writer:
             packet = json.dumps(_packet(places, row, self._number), ensure_ascii=False, allow_nan=False)
             self._sink.write(f",\n{packet}".encode())
             self._number += 1
+        self._tracks.add(places)
 
     def close(self) -> None:
+        for number, track in enumerate(self._tracks.lines()):
+            packet = json.dumps(_path(track, number), ensure_ascii=False, allow_nan=False)
+            self._sink.write(f",\n{packet}".encode())
         self._sink.write(b"\n]\n")
 
 
@@ -53,6 +58,21 @@ def _packet(places: Places, row: int, number: int) -> dict[str, Any]:
             "material": _FILL,
         }
     return packet
+
+
+def _path(track: TrackLine, number: int) -> dict[str, Any]:
+    """Return a packet that moves along a track, in seconds since 1970, and draws its path."""
+    first = track.points[0][0]
+    samples = [value for time_s, point in track.points for value in (time_s - first, *[*point, 0.0][:3])]
+    return {
+        "id": f"track-{number}",
+        "name": track.name,
+        "availability": f"{iso_time(first)}/{iso_time(track.points[-1][0])}",
+        "properties": {name: _plain(value) for name, value in track.values.items()},
+        "position": {"epoch": iso_time(first), "cartographicDegrees": samples},
+        "point": _POINT,
+        "path": {"width": 2, "material": {"solidColor": {"color": {"rgba": [255, 85, 0, 255]}}}},
+    }
 
 
 def _plain(value: Any) -> Any:

@@ -12,6 +12,7 @@ from nlosctl.arrays import FloatArray
 from nlosctl.contract.formats import ExporterSpec, Places, Shapes
 from nlosctl.contract.options import option
 from nlosctl.formats.map_options import LineOptions
+from nlosctl.formats.track_lines import TrackLines
 
 __all__ = ["FORMAT"]
 
@@ -28,12 +29,14 @@ class GeoJsonOptions(LineOptions):
 class _Writer:
     def __init__(self, sink: IO[bytes], options: GeoJsonOptions) -> None:
         self._sink, self._separator = sink, "\n"
+        self._tracks = TrackLines()
         sink.write(b'{"type": "FeatureCollection", "features": [')
 
     def write(self, places: Places) -> None:
         for row in range(places.size):
             for feature in _features(places, row):
                 self._put(feature)
+        self._tracks.add(places)
 
     def write_shapes(self, shapes: Shapes) -> None:
         for row, parts in enumerate(shapes.parts):
@@ -48,6 +51,11 @@ class _Writer:
         self._separator = ",\n"
 
     def close(self) -> None:
+        for track in self._tracks.lines():
+            line = {"type": "LineString", "coordinates": [point for _, point in track.points]}
+            own = {"feature": "track", **{name: _value(value) for name, value in track.values.items()}}
+            properties = {**own, "time_s": [time_s for time_s, _ in track.points]}
+            self._put({"type": "Feature", "geometry": line, "properties": properties})
         self._sink.write(b"\n]}\n")
 
 

@@ -13,6 +13,7 @@ from xml.sax.saxutils import escape
 from nlosctl.arrays import FloatArray
 from nlosctl.contract.formats import ExporterSpec, Places, Shapes
 from nlosctl.formats.map_options import LineOptions, known_values, title
+from nlosctl.formats.track_lines import TrackLine, TrackLines, are_states, iso_time
 
 __all__ = ["FORMAT"]
 
@@ -31,12 +32,13 @@ _EXACT = 2**53
 
 class _Writer:
     def __init__(self, sink: IO[bytes], options: LineOptions) -> None:
-        self._sink = sink
+        self._sink, self._tracks = sink, TrackLines()
         sink.write(_HEAD.encode("utf-8"))
 
     def write(self, places: Places) -> None:
         for row in range(places.size):
             self._sink.write(_placemark(places, row).encode("utf-8"))
+        self._tracks.add(places)
 
     def write_shapes(self, shapes: Shapes) -> None:
         for row, parts in enumerate(shapes.parts):
@@ -44,6 +46,8 @@ class _Writer:
             self._sink.write(_described(known_values(shapes, row), shown).encode("utf-8"))
 
     def close(self) -> None:
+        for track in self._tracks.lines():
+            self._sink.write(_described(track.values, [_gx_track(track)], track.name).encode("utf-8"))
         self._sink.write(b"</Document>\n</kml>\n")
 
 
@@ -54,7 +58,9 @@ def _placemark(places: Places, row: int) -> str:
         mode = "<altitudeMode>absolute</altitudeMode>" if len(point) == 3 else ""
         geometries.append(f"<Point>{mode}<coordinates>{','.join(map(repr, point))}</coordinates></Point>")
     geometries += [_polygon(ring) for ring in places.rings(row)]
-    return _described(known_values(places, row), geometries)
+    time_s = places.columns["time_s"][row] if are_states(places) else None
+    when = "" if time_s is None else f"<TimeStamp><when>{iso_time(time_s)}</when></TimeStamp>"
+    return _described(known_values(places, row), geometries, when=when)
 
 
 def _polygon(ring: FloatArray) -> str:
@@ -70,14 +76,22 @@ def _coordinates(path: FloatArray) -> str:
     return f"<coordinates>{' '.join(f'{lon!r},{lat!r}' for lon, lat in path.tolist())}</coordinates>"
 
 
-def _described(values: Mapping[str, Any], geometries: Sequence[str]) -> str:
+def _gx_track(track: TrackLine) -> str:
+    """Return a path with a time for each position, in seconds since 1970."""
+    mode = "<altitudeMode>absolute</altitudeMode>" if len(track.points[0][1]) == 3 else ""
+    times = "".join(f"<when>{iso_time(time_s)}</when>" for time_s, _ in track.points)
+    places = "".join(f"<gx:coord>{' '.join(map(repr, [*point, 0.0][:3]))}</gx:coord>" for _, point in track.points)
+    return f'<gx:Track xmlns:gx="http://www.google.com/kml/ext/2.2">{mode}{times}{places}</gx:Track>'
+
+
+def _described(values: Mapping[str, Any], geometries: Sequence[str], name: str = "", when: str = "") -> str:
     """Return a placemark with a title, the values as description, and geometries."""
-    name = title(values)
+    name = name or title(values)
     description = "<br>".join(escape(f"{key}: {_shown(value)}") for key, value in values.items())
     geometry = f"<MultiGeometry>{''.join(geometries)}</MultiGeometry>" if geometries else ""
     style = "<styleUrl>#ellipse</styleUrl>"
     return (
-        f"<Placemark><name>{_text(name)}</name><description>{_text(description)}</description>{style}{geometry}"
+        f"<Placemark><name>{_text(name)}</name><description>{_text(description)}</description>{when}{style}{geometry}"
         f"</Placemark>\n"
     )
 

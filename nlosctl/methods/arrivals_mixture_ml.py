@@ -28,6 +28,7 @@ from nlosctl.solvers.mixture.outside import OutsideSearch
 from nlosctl.solvers.mixture.posterior import direct_probability, posterior_covariance
 from nlosctl.solvers.mixture.ranked_estimates import rank_modes, ranked_estimates, ranked_flags
 from nlosctl.solvers.optimization.point_costs import cost_at_points, spread_m
+from nlosctl.solvers.tracking.arrival_rows import late_arrivals
 
 __all__ = ["METHOD", "ArrivalMixtureOptions", "solve"]
 
@@ -201,6 +202,7 @@ METHOD = MethodSpec(
     randomized=True,
     dimensions=(2, 3),
     direct_rows=_direct_rows,
+    path_rows=lambda batch, options: late_arrivals(batch, alpha=options.alpha, late_m=options.late_m),
     std_fault=_std_fault,
     learning=Learning(options=("alpha",), statistics=_count_outliers, update=_next_options),
 )

@@ -21,6 +21,7 @@ from nlosctl.solvers.arrivals.pair_estimates import pair_estimates
 from nlosctl.solvers.optimization.point_costs import cost_at_points, spread_m
 from nlosctl.solvers.optimization.two_optima import find_best_two, nearer_first
 from nlosctl.solvers.ranges.optima import estimate_factors, finish_range_fix, with_covariances
+from nlosctl.solvers.tracking.arrival_rows import trusted_arrivals
 
 __all__ = ["METHOD", "ArrivalOptions", "solve"]
 
@@ -105,4 +106,5 @@ METHOD = MethodSpec(
     reads=frozenset({"reference", "speed_std"}),
     scales_std=True,
     dimensions=(2, 3),
+    path_rows=lambda batch, options: trusted_arrivals(batch),
 )

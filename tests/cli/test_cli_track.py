@@ -171,7 +171,7 @@ def test_the_bytes_do_not_depend_on_jobs_blocks_or_the_cut(
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        (["-m", "sr-ls"], 2, "sr-ls can't track ranges; ml and mixture-ml of bearings and ranges can"),
+        (["-m", "sr-ls"], 2, "sr-ls can't track ranges; ml and mixture-ml of bearings, ranges and arrivals can"),
         (["-m", "ml", "-m", "mixture-ml"], 2, "--method: a track is found by one method. Got 2."),
         (["-m", "mixture-ml", "-p", "alpha=estimate"], 2, "alpha=estimate: set a number to track with"),
         (["--by", "tga"], 1, "no column 'tga' (did you mean 'tag'?)"),

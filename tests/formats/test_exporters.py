@@ -16,6 +16,7 @@ import pyproj
 import pytest
 from czml3 import Packet, Position
 from czml3.properties import Ellipse
+from program import run_here
 from shapely.geometry import Point
 
 from nlosctl.contract.scene import EarthFrame, parse_frame
@@ -242,3 +243,38 @@ def test_measurements_can_not_be_exported_to_a_map(tmp_path: Path) -> None:
     """Measurements without estimates are an error."""
     with pytest.raises(DataError, match="geojson takes estimates"):
         export(tmp_path, "geojson", pa.table({"snapshot": [1], "sensor": ["a"]}))
+
+
+STATES = """snapshot,tag,time_s,x_m,y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2
+0,a,1700000002,0,1,1,0,1
+1,b,1700000000,50,1,1,0,1
+2,a,1700000000.5,2,1,1,0,1
+3,b,1700000001,51,2,1,0,1
+4,c,1700000001,51,2,1,0,1
+"""
+
+
+def test_tracks_are_lines_with_times(tmp_path: Path) -> None:
+    """Each track of two states or more is a line in order of time, by the columns that separate tracks."""
+    (tmp_path / "s.csv").write_text(STATES)
+    words = ("--by", "tag", "-p", "acceleration_psd=1", "-q", "-o", "t.parquet")
+    assert run_here("track", "s.csv", *words, folder=tmp_path).returncode == 0
+    for name in ("geojson", "kml", "czml"):
+        done = run_here("convert", "t.parquet", "--origin", "48,11", "-q", "-o", f"t.{name}", folder=tmp_path)
+        assert done.returncode == 0, done.stderr
+    features = json.loads((tmp_path / "t.geojson").read_text())["features"]
+    lines = [one for one in features if one["properties"]["feature"] == "track"]
+    assert [one["properties"]["tag"] for one in lines] == ["a", "b"]
+    assert lines[0]["properties"]["time_s"] == [1700000000.5, 1700000002.0]
+    points = [one["geometry"]["coordinates"] for one in features if one["geometry"]["type"] == "Point"]
+    assert lines[0]["geometry"]["coordinates"] == [points[2], points[0]]
+    root = ElementTree.parse(tmp_path / "t.kml").getroot()  # noqa: S314 - our own file
+    space = "{http://www.google.com/kml/ext/2.2}"
+    tracks = list(root.iter(f"{space}Track"))
+    whens = [when.text for when in tracks[0].iter("{http://www.opengis.net/kml/2.2}when")]
+    assert whens == ["2023-11-14T22:13:20.500000Z", "2023-11-14T22:13:22Z"]
+    assert [len(list(track.iter(f"{space}coord"))) for track in tracks] == [2, 2]
+    assert len(list(root.iter("{http://www.opengis.net/kml/2.2}TimeStamp"))) == 5
+    packets = [one for one in json.loads((tmp_path / "t.czml").read_text()) if one["id"].startswith("track-")]
+    assert packets[0]["position"]["epoch"] == "2023-11-14T22:13:20.500000Z"
+    assert packets[0]["position"]["cartographicDegrees"][4] == 1.5

@@ -26,6 +26,7 @@ from nlosctl.io.scenes.scene_file import SCENE_KEY, plane_of, scene_from_toml
 from nlosctl.io.writers.byte_output import ByteOutput, writing
 from nlosctl.io.writers.output_set import check_targets
 from nlosctl.pipeline.convert.map_shapes import bearing_lines, bound_cells, has_bearings, has_bound_cells
+from nlosctl.pipeline.engine.writing import track_columns
 
 __all__ = ["MapWriter", "exporter_of", "map_extensions"]
 
@@ -71,6 +72,7 @@ class MapWriter:
         self._options = parse_options(spec.options, parameters, f"exporter {spec.name!r}")
         self._output = ByteOutput(target, overwrite=overwrite)
         self._frame = frame or _frame_of(metadata or {})
+        self._track = track_columns(metadata or {})
         self._writer: PlacesWriter | None = None
         self._map: list[Any] = []
         self._completed = False
@@ -185,6 +187,7 @@ class MapWriter:
             major_azimuth_rad=north - ellipse.orientation_rad,
             on_earth=not metres,
             cut={row: cut_ring(outline[row]) for row in cut_rows},
+            track=self._track,
         )
 
     def _numbers(self, values: Sequence[Any], name: str) -> FloatArray:

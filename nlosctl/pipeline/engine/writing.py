@@ -6,6 +6,7 @@ The provenance is identical in equal runs: it contains no time, and no path othe
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -30,6 +31,7 @@ __all__ = [
     "describe_inputs",
     "file_metadata",
     "read_settings",
+    "track_columns",
     "write_tables",
 ]
 
@@ -171,6 +173,16 @@ def file_metadata(command: str, content: Mapping[str, Any], scene: Scene) -> dic
     if scene != Scene():
         metadata[SCENE_KEY.decode()] = scene_to_toml(scene)
     return metadata
+
+
+def track_columns(metadata: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the columns that separate the tracks of a file, by the provenance in its metadata."""
+    try:
+        content = json.loads(metadata.get(PROVENANCE_KEY, "{}"))
+        names = content["track"]["by"]
+    except (ValueError, KeyError, TypeError):
+        return ()
+    return tuple(map(str, names)) if isinstance(names, list) else ()
 
 
 def describe_inputs(inputs: Sequence[Input], rows: Mapping[str, int], *, with_hash: bool) -> list[dict[str, Any]]:

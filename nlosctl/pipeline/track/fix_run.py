@@ -58,7 +58,7 @@ class FixRun:
 
     def provenance(self) -> dict[str, Any]:
         """Return everything that determines the results, as plain values."""
-        return {"methods": [{"name": "track", "parameters": self._options.as_dict()}], "by": list(self._by)}
+        return {"methods": [{"name": "track"}], "track": {**self._options.as_dict(), "by": list(self._by)}}
 
     def metadata(self, *, with_hash: bool) -> dict[str, str]:
         """Return the metadata of the result files."""

@@ -93,7 +93,9 @@ class MeasuredRun:
         """Yield the states and flags of each chunk, after all have been read and solved."""
         for position, covariance in map_in_processes(self._fixes, self._read(), self._options.jobs):
             self._collected.add_fixes(position, covariance)
-        snapshots = with_merged_fixes(self._collected.together(), self._fixes_of)
+        snapshots = self._collected.together()
+        if self.reader.kind != "arrivals":  # whose snapshots have offsets of their own
+            snapshots = with_merged_fixes(snapshots, self._fixes_of)
         paths = track_rows(self._tracked(snapshots), self._own.density)
         results = row_results(paths, *self._rows_of, snapshots.left_out.shape[0])
         start = first = 0
@@ -221,7 +223,11 @@ class MeasuredRun:
         """Raise UsageError for what a track through measurements does not have."""
         spec, reader = self._run.spec, self.reader
         if spec.path_rows is None:
-            raise UsageError(f"{spec.name} can't track {reader.kind}; ml and mixture-ml of bearings and ranges can")
+            raise UsageError(
+                f"{spec.name} can't track {reader.kind}; ml and mixture-ml of bearings, ranges and arrivals can"
+            )
+        if "reference" in reader.column_names:
+            raise UsageError("a track of arrival times needs the arrivals themselves, not differences to a reference")
         refuse_dimension([self._run], reader.dimension, self._options.field)
         if reader.scene.frame is not None and reader.scene.frame.on_ellipsoid:
             raise UsageError("tracks on the earth are of two dimensions; set `dimensions` to 2")

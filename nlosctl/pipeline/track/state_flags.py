@@ -58,6 +58,8 @@ def row_results(paths: RowPaths, rows_of: Sequence[IntArray], snapshots: Sequenc
         used[snapshot] = np.count_nonzero(weight > 0.5, axis=1)
         if block.rows.mixture is not None:
             probability[row] = weight
+        for name, values in (found.residuals or {}).items():
+            residuals.setdefault(name, np.full(rows, np.nan))[row] = values
         if block.rows.residuals is None:
             continue
         for k in range(block.rows.count):

@@ -16,7 +16,7 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point
 from nlosctl.solvers.tracking.block_tridiagonal import BlockTridiagonal
 from nlosctl.solvers.tracking.fixes import Path, finished_path
 from nlosctl.solvers.tracking.motion import Motion
-from nlosctl.solvers.tracking.path_rows import PathRows, RowTerms
+from nlosctl.solvers.tracking.path_rows import FollowedRows, RowTerms
 from nlosctl.solvers.tracking.states import state_sums
 
 __all__ = ["FoundPaths", "MeasuredTracks", "Prior", "RowsAtStates", "StateTerms", "find_paths", "moved_terms"]
@@ -37,7 +37,7 @@ class RowsAtStates:
     Positions of states are about the origins.
     """
 
-    rows: PathRows
+    rows: FollowedRows
     state: IntArray
     origin_m: FloatArray
     delay_s: FloatArray
@@ -143,13 +143,14 @@ def moved_terms(found: RowTerms, delay_s: FloatArray, dimension: int) -> tuple[F
     """Return the gradients (B, 2D) and matrices (B, 2D, 2D) of snapshots by their states."""
     size = found.cost.shape[0]
     gradient, matrix = np.zeros((size, 2 * dimension)), np.zeros((size, 2 * dimension, 2 * dimension))
+    shared = _Shared(np.zeros(size), np.zeros(size), np.zeros((size, 2 * dimension)))
     for k, row in enumerate(found.rows):
         weight, delay = found.weight[:, k], delay_s[:, k]
         slopes = [weight * part for part in row.gradient[:dimension]]
         gauss = list((row.gauss * weight).parts)
         if row.outlier is not None:
-            slopes = [one + other for one, other in zip(slopes, row.outlier.gradient, strict=False)]
-            gauss = [one + other for one, other in zip(gauss, row.outlier.gauss, strict=False)]
+            slopes = [one + other for one, other in zip(slopes, row.outlier.gradient[:dimension], strict=True)]
+            gauss = [one + other for one, other in zip(gauss, row.outlier.gauss, strict=True)]
         for axis, slope in enumerate(slopes):
             gradient[:, axis] += slope
             gradient[:, dimension + axis] += delay * slope
@@ -163,9 +164,37 @@ def moved_terms(found: RowTerms, delay_s: FloatArray, dimension: int) -> tuple[F
                 matrix[:, dimension + one, dimension + other] += delay * shifted
                 if one != other:
                     matrix[:, dimension + other, one] += shifted
+        if len(row.gradient) > dimension:
+            further = 0.0 if row.outlier is None else row.outlier.gradient[-1]
+            shared.add(weight * row.gradient[-1] + further, list(entries), delay)
     lower = np.tril_indices(2 * dimension, -1)
     matrix[:, lower[1], lower[0]] = matrix[:, lower[0], lower[1]]
-    return gradient, matrix
+    return shared.eliminated(gradient, matrix)
+
+
+@dataclass(frozen=True)
+class _Shared:
+    """The unknown that the rows of a snapshot have in common: its slope and bend (B,), and its mixed ones (B, 2D)."""
+
+    slope: FloatArray
+    bend: FloatArray
+    mixed: FloatArray
+
+    def add(self, slope: FloatArray, entries: list[FloatArray], delay: FloatArray) -> None:
+        """Add a row; ``entries`` are the mixed second derivatives by the position and, last, the unknown's own."""
+        *mixed, bend = entries
+        self.slope[...] += slope
+        self.bend[...] += bend
+        for axis, entry in enumerate(mixed):
+            self.mixed[:, axis] += entry
+            self.mixed[:, len(mixed) + axis] += delay * entry
+
+    def eliminated(self, gradient: FloatArray, matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return gradient and matrix at the best value of the unknown: Schur's complement."""
+        if not self.bend.any():
+            return gradient, matrix
+        share = self.mixed / np.where(self.bend > 0.0, self.bend, np.inf)[:, None]
+        return gradient - share * self.slope[:, None], matrix - share[:, :, None] * self.mixed[:, None, :]
 
 
 @dataclass(frozen=True)

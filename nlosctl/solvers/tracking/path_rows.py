@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.path_groups import PathGroups
 from nlosctl.solvers.optimization.problem import RowDerivatives
 
-__all__ = ["MeasuredRows", "PathRows", "RowTerms"]
+__all__ = ["FollowedRows", "MeasuredRows", "PathRows", "RowTerms", "mixed_terms", "trusted_terms"]
 
 
 class MeasuredRows(Protocol):
@@ -34,12 +34,60 @@ class MeasuredRows(Protocol):
 class RowTerms:
     """The cost (B,) of a snapshot's rows in nats, the derivatives of each row, and its weight (B, K).
 
-    The weight is the probability of the row to be direct; 1 where every row is trusted.
+    The weight is the probability of the row to be direct; 1 where every row is trusted. Derivatives by a further
+    unknown, the last, are there where the rows of a snapshot have one in common: its likeliest value is taken.
+    ``residuals`` (B, K) are by the names of flags, None where `PathRows.residuals` has them.
     """
 
     cost: FloatArray
     rows: list[RowDerivatives]
     weight: FloatArray
+    residuals: Mapping[str, FloatArray] | None = None
+
+
+class FollowedRows(Protocol):
+    """The rows (B, K) of B snapshots, as a path follows them: see `PathRows`."""
+
+    @property
+    def center(self) -> tuple[FloatArray, ...]:
+        """The local origin, D arrays (B,)."""
+        ...
+
+    @property
+    def count(self) -> int:
+        """The number of rows of each snapshot, K."""
+        ...
+
+    @property
+    def mixture(self) -> Mixture | None:
+        """The mixture of direct rows and outliers, None where every row is trusted."""
+        ...
+
+    @property
+    def order(self) -> IntArray | None:
+        """The order of the rows (B, K), None: that of the file."""
+        ...
+
+    @property
+    def residuals(self) -> Callable[..., Mapping[str, FloatArray]] | None:
+        """Measured minus predicted values of all rows at one point each, None where the terms have them."""
+        ...
+
+    def in_order(self, values: FloatArray) -> FloatArray:
+        """Return values (B, K) of the file's rows in the order of these."""
+        ...
+
+    def in_file_order(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return values (B, K) of these rows in the order of the file."""
+        ...
+
+    def compare(self, point_of: Callable[[int], Point], tempering: float = 1.0) -> RowTerms:
+        """Return the terms of the rows, row ``k`` at the points ``point_of(k)`` (B,)."""
+        ...
+
+    def take(self, rows: IntArray) -> Self:
+        """Return some snapshots, repeated or not."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -48,7 +96,7 @@ class PathRows(RowBlock):
 
     Points are about the local origin ``center``, D arrays (B,). ``mixture`` is None where every row is trusted.
     ``residuals(batch_point)`` are measured minus predicted values by the names of flags, of all rows (B, K) at one
-    point (B,) each. ``further`` unknowns follow the position, such as the offset of arrivals.
+    point (B,) each.
     """
 
     rows: MeasuredRows
@@ -57,26 +105,18 @@ class PathRows(RowBlock):
     mixture: Mixture | None
     order: IntArray | None
     residuals: Callable[..., Mapping[str, FloatArray]] | None = None
-    further: int = 0
 
     @classmethod
-    def trusted(
-        cls, rows: MeasuredRows, center: tuple[FloatArray, ...], residuals: Callable[..., Any], further: int = 0
-    ) -> PathRows:
+    def trusted(cls, rows: MeasuredRows, center: tuple[FloatArray, ...], residuals: Callable[..., Any]) -> PathRows:
         """Return rows that are all direct."""
-        return cls(rows, center, rows.scalars(), None, None, residuals, further)
+        return cls(rows, center, rows.scalars(), None, None, residuals)
 
     @classmethod
     def mixed(
-        cls,
-        mixture: Mixture,
-        center: tuple[FloatArray, ...],
-        groups: PathGroups,
-        residuals: Callable[..., Any],
-        further: int = 0,
+        cls, mixture: Mixture, center: tuple[FloatArray, ...], groups: PathGroups, residuals: Callable[..., Any]
     ) -> PathRows:
         """Return rows of a mixture of direct rows and outliers."""
-        return cls(mixture.rows, center, mixture.rows.scalars(), mixture, groups.order, residuals, further)
+        return cls(mixture.rows, center, mixture.rows.scalars(), mixture, groups.order, residuals)
 
     @property
     def count(self) -> int:
@@ -102,15 +142,18 @@ class PathRows(RowBlock):
         """
         with ignoring_overflow():
             rows = [self.rows.derivatives(k, *point_of(k)) for k in range(self.count)]
-            if tempering != 1.0:
-                rows = [_tempered(row, tempering) for row in rows]
             if self.mixture is None:
-                cost = np.zeros(self.scalars.shape[0])
-                for row in rows:
-                    cost += row.half_chi_square
-                return RowTerms(cost, rows, np.ones(self.scalars.shape, order="F"))
-            wider = self.scalars * np.log(tempering) if tempering != 1.0 else 0.0
-            return _mixed_terms(self.mixture, rows, self.mixture.log_direct - wider)
+                return trusted_terms(rows, tempering)
+            return mixed_terms(self.mixture, rows, self.scalars, tempering)
+
+
+def trusted_terms(rows: list[RowDerivatives], tempering: float = 1.0) -> RowTerms:
+    """Return the terms of rows that are all direct, with standard deviations ``tempering`` times as large."""
+    rows = rows if tempering == 1.0 else [_tempered(row, tempering) for row in rows]
+    cost: FloatArray = np.zeros_like(rows[0].half_chi_square)
+    for row in rows:
+        cost += row.half_chi_square
+    return RowTerms(cost, rows, np.ones((cost.shape[0], len(rows)), order="F"))
 
 
 def _tempered(row: RowDerivatives, tempering: float) -> RowDerivatives:
@@ -126,8 +169,17 @@ def _tempered(row: RowDerivatives, tempering: float) -> RowDerivatives:
     )
 
 
-def _mixed_terms(mixture: Mixture, rows: list[RowDerivatives], log_direct: FloatArray) -> RowTerms:
-    """Return the cost of a mixture and the probabilities of its rows: the groups' sums as in `Mixture.score`."""
+def mixed_terms(
+    mixture: Mixture, rows: list[RowDerivatives], scalars: npt.NDArray[Any], tempering: float = 1.0
+) -> RowTerms:
+    """Return the terms of a mixture: the groups' sums as in `Mixture.score`, and the probabilities of its rows.
+
+    With ``tempering`` T the standard deviations of direct rows, with so many ``scalars`` (B, K), are T times as large.
+    """
+    log_direct = mixture.log_direct
+    if tempering != 1.0:
+        rows = [_tempered(row, tempering) for row in rows]
+        log_direct = log_direct - scalars * np.log(tempering)
     direct = np.empty(log_direct.shape, order="F")
     for k, row in enumerate(rows):
         direct[:, k] = np.exp(log_direct[:, k] - row.half_chi_square)

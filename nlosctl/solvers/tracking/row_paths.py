@@ -14,7 +14,7 @@ from nlosctl.solvers.tracking.fix_paths import track_origins
 from nlosctl.solvers.tracking.fixes import Fixes
 from nlosctl.solvers.tracking.measured_paths import FoundPaths, MeasuredTracks, RowsAtStates, find_paths
 from nlosctl.solvers.tracking.motion import Motion
-from nlosctl.solvers.tracking.path_rows import PathRows
+from nlosctl.solvers.tracking.path_rows import FollowedRows
 from nlosctl.solvers.tracking.starts import best_paths
 from nlosctl.solvers.tracking.states import States, at_offset, order_states
 
@@ -25,7 +25,7 @@ __all__ = ["RowPaths", "SnapshotRows", "TrackedRows", "track_rows"]
 class SnapshotRows:
     """Rows (B, K) of the snapshots ``snapshot`` (B,), at the times ``time_s`` (B, K) in the order of the rows."""
 
-    rows: PathRows
+    rows: FollowedRows
     snapshot: IntArray
     time_s: FloatArray
 
