@@ -148,3 +148,13 @@ def test_an_empty_calibration_is_an_error() -> None:
     for text in ("", "sensor = 3", "[covariance]\norder = []\nmatrix = []"):
         with pytest.raises(DataError, match=r"f: sensor: expected tables headed \[\[sensor\]\]"):
             calibration_from_toml(text, "f")
+
+
+def test_entries_of_a_sensor_differ_in_their_group() -> None:
+    """One sensor in two sessions has two entries; two of the same session are an error that names both."""
+    entry = '[[sensor]]\nname = "A1"\nsession = "{}"\nrange_offset_m = 0.1\n'
+    assert len(calibration_from_toml(entry.format("a") + entry.format("b"), "f").entries) == 2
+    with pytest.raises(
+        DataError, match=r"f: sensor\[1\]: 'A1' \(a\) is sensor\[0\] already; give each sensor one entry"
+    ):
+        calibration_from_toml(entry.format("a") * 2, "f")
