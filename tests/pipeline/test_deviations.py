@@ -252,10 +252,28 @@ def test_what_is_needed_is_stated() -> None:
         nlosctl.calibrate(single, harmonics=9)
 
 
+def test_a_straight_road_does_not_do() -> None:
+    """Past a transmitter at an unknown place neither its position nor the deviation is determined: an error."""
+    step = np.arange(150.0)
+    x, y = 20.0 * step - 1500.0, np.full(150, -900.0)
+    bearing = np.arctan2(700.0 - y, 300.0 - x)
+    noise = np.radians(3.0) * np.random.default_rng(2).standard_normal(150)
+    measured = bearing + np.radians(design(bearing) @ TERMS_DEG) + noise
+    columns = {"snapshot": [0] * 150, "sensor": ["car"] * 150, "sensor_x_m": x, "sensor_y_m": y}
+    more = {"bearing_rad": measured, "bearing_std_deg": [3.0] * 150, "heading_deg": [90.0] * 150}
+    with pytest.raises(DataError, match="don't determine the positions and the deviations together"):
+        nlosctl.calibrate(pa.table({**columns, **more}), harmonics=2)
+    known = pa.table({**columns, **more, "truth_x_m": [300.0] * 150, "truth_y_m": [700.0] * 150})
+    with pytest.raises(DataError, match="from too few directions relative to the heading"):
+        nlosctl.calibrate(known, harmonics=3, truth="columns")
+    held = nlosctl.calibrate(known, harmonics=3, truth="columns", offset_prior_deg=5.0).calibration
+    assert np.abs(terms_of(held)).max() < 15.0
+
+
 def test_a_narrow_view_is_named() -> None:
     """Bearings from a sector alone don't cover the directions: the summary states how many sectors they do."""
     table, direction = drive(600, seed=6)
-    ahead = table.filter(pa.array(np.abs(wrapped(direction)) < 0.7))
+    ahead = table.filter(pa.array(np.abs(wrapped(direction)) < 1.6))
     report = nlosctl.calibrate(one_snapshot(ahead), truth="columns", harmonics=2).report
     assert any("sectors of ten degrees relative to the heading" in note for note in report.notes())
 

@@ -10,10 +10,12 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
+from deviation_worlds import design, drive
 from program import run_here
 
 import nlosctl
 from nlosctl.contract.run_options import InputOptions
+from nlosctl.io.calibrations.calibration_file import read_calibration
 from nlosctl.io.paths.inputs import expand_inputs
 from nlosctl.io.results.plot_inputs import PlotInput, open_plot_input
 from nlosctl.io.results.residual_sectors import BINS, read_residuals
@@ -124,6 +126,29 @@ def test_directions_of_ranges_need_positions(tmp_path: Path) -> None:
     assert by_truth[0].sum() == by_fix[0].sum() == 20
     lacking = nlosctl.plot(tmp_path / "c.toml", tmp_path / "flags.parquet")
     assert lacking.notes == ("residuals by direction need the positions: name the estimates too",)
+
+
+def test_deviations_are_curves_by_the_direction_from_the_heading(tmp_path: Path) -> None:
+    """The curve is the sum of the file's terms, its band one std; residuals follow it before, and not after."""
+    table, _ = drive(300)
+    pyarrow.parquet.write_table(table, tmp_path / "drive.parquet")
+    words = ["calibrate", "drive.parquet", "--harmonics", "2", "--truth", "columns", "-o", "c.toml", "-q"]
+    assert run_here(*words, folder=tmp_path).returncode == 0
+    plot = nlosctl.plot(tmp_path / "c.toml", tmp_path / "drive.parquet")
+    calibration = read_calibration(str(tmp_path / "c.toml"))
+    curve, by_sensor, by_direction = plot.figure.axes
+    direction, value = curve.lines[0].get_data()
+    terms = design(np.radians(direction))
+    assert value == pytest.approx(terms @ calibration.entries[0].terms)
+    band = curve.collections[0].get_paths()[0].vertices
+    std = np.sqrt(np.einsum("ni,ij,nj->n", terms, calibration.covariance, terms))
+    assert band[:, 1].max() == pytest.approx((value + std).max())
+    (_, (_, mean_after)) = (points(by_sensor)[0], points(by_sensor)[1][0])
+    assert abs(mean_after) < 0.1
+    lines = {line.get_label(): np.array(line.get_ydata()) for line in by_direction.lines}
+    assert np.nanstd(lines["car, before"]) > 3.0
+    assert np.nanstd(lines["car, after"]) < 1.0
+    assert "from the heading" in by_direction.get_xlabel()
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ import pyarrow.compute as pc
 from nlosctl.arrays import FloatArray, ignoring_invalid
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.errors import DataError
+from nlosctl.io.measurements.completion.array_deviations import HEADING
 from nlosctl.io.measurements.completion.sensor_keys import sensor_keys
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.results.evaluation_arrays import numbers
@@ -35,7 +36,8 @@ class SensorResiduals:
     """Residuals of the rows used, in degrees or metres, by sensor and group: number, sum and sum of squares.
 
     ``sectors`` has the numbers and sums (2, BINS) by direction: the bearing, or that from the sensor to the position,
-    counter-clockwise from +x; empty where the directions are not known.
+    counter-clockwise from +x (from the heading, where the options of reading ask for it); empty where the directions
+    are not known.
     """
 
     label: str
@@ -124,7 +126,9 @@ def _id(value: Any) -> str:
 def _directions(chunk: Chunk, kind: str, places: Mapping[str, tuple[float, float]]) -> FloatArray | None:
     """Return the directions (N,) of a chunk's rows from their sensors; None where they are not known."""
     if kind == "bearings":
-        return np.asarray(chunk.columns["bearing_rad"])
+        heading_rad = chunk.columns.get(HEADING)
+        bearing_rad = np.asarray(chunk.columns["bearing_rad"])
+        return bearing_rad if heading_rad is None else bearing_rad - (0.5 * np.pi - heading_rad)
     positions = _positions(chunk, places)
     if positions is None:
         return None

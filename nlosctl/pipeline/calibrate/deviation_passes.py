@@ -27,6 +27,20 @@ _NEEDS = (
     "drive around one transmitter as one snapshot (`window` all); set `method` to mixture-ml if some are outliers"
 )
 
+_NOT_TOGETHER = (
+    "the measurements don't determine the positions and the deviations together: drive around the transmitter, in all "
+    "directions, or give known positions (`truth`)"
+)
+_TOO_FEW_DIRECTIONS = (
+    "the bearings are from too few directions relative to the heading for so many `harmonics`: ask for fewer, turn the "
+    "array, or state a prior (`offset_prior_deg`)"
+)
+_LARGEST_STD_RAD = 1.0
+"""With a larger standard deviation than this nothing is known of a term."""
+
+_LONGEST_STEP_RAD = 0.2
+"""Weakly determined terms move by no more than this in a pass."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class DeviationEstimate(OffsetEstimate):
@@ -51,13 +65,13 @@ def estimate_deviations(
     """Return the deviations by passes of the statistic ``sums``, from deviations of zero.
 
     A prior of mean zero has ``prior_std`` (radians) for each term. ``columns`` are those of a chunk's table that the
-    statistic needs; ``show`` receives a line a pass. Raises DataError if no snapshot counts, and the errors of reading
-    and of the method.
+    statistic needs; ``show`` receives a line a pass. Raises DataError if no snapshot counts, or the bearings don't
+    determine the terms, and the errors of reading and of the method.
     """
     for count in range(1, MOST_PASSES + 1):
         estimate = _advanced(passes.pool(sums, columns), sums, prior_std, count)
         if not estimate.snapshots:
-            raise DataError(_NEEDS)
+            raise DataError(_NEEDS if count == 1 else _NOT_TOGETHER)
         show(f"{sums.run.label}: pass {count}: {estimate.snapshots} snapshots count, step {estimate.step:.2g} std")
         if estimate.settled:
             break
@@ -66,6 +80,8 @@ def estimate_deviations(
         scale = estimate.scale[::size].tolist()
         known = {key: (tuple(own), factor) for key, own, factor in zip(estimate.arrays, terms, scale, strict=True)}
         sums = replace(sums, deviations=known)
+    if np.diag(estimate.solution.covariance).max() > _LARGEST_STD_RAD**2:
+        raise DataError(_NOT_TOGETHER if sums.truth is None else _TOO_FEW_DIRECTIONS)
     return estimate
 
 
@@ -91,7 +107,7 @@ def _advanced(pooled: ExactSums, sums: DeviationSums, prior_std: float | None, c
     return DeviationEstimate(
         keys=tuple((*key, names[term]) for key, term in unknowns),
         arrays=arrays,
-        offsets=before + solution.step,
+        offsets=before + solution.step * _share(solution.step),
         scale=np.repeat(scale, sums.terms),
         degrees=np.repeat(spare, sums.terms),
         solution=solution,
@@ -103,6 +119,12 @@ def _advanced(pooled: ExactSums, sums: DeviationSums, prior_std: float | None, c
         passes=count,
         step=_step(solution.step, np.sqrt(np.diag(solution.covariance)), scale / factors),
     )
+
+
+def _share(step: FloatArray) -> float:
+    """Return the share of a step (J,) that is taken."""
+    largest = float(np.abs(step).max())
+    return min(_LONGEST_STEP_RAD / largest, 1.0) if largest > 0.0 else 1.0
 
 
 def _step(step: FloatArray, std: FloatArray, change: FloatArray) -> float:

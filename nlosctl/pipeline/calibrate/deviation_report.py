@@ -14,6 +14,7 @@ from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.pipeline.calibrate.calibration_report import CalibrationReport
 from nlosctl.pipeline.calibrate.deviation_passes import DeviationEstimate
 from nlosctl.pipeline.calibrate.deviation_sums import SECTORS, DeviationSums
+from nlosctl.solvers.calibration.offset_solution import Combination
 
 __all__ = ["DeviationReport"]
 
@@ -56,6 +57,10 @@ class DeviationReport(CalibrationReport):
         return (
             f"deviations by {self.estimate.snapshots} snapshot{'s' if many else ''}, in {passes}: {'; '.join(entries)}"
         )
+
+    def _named(self, combination: Combination) -> str:
+        names = self._names(combination)
+        return names[0] if len(names) == 1 else f"a combination of the terms {', '.join(names)}"
 
     def _on_places(self) -> list[str]:
         narrow = {key: count for key, count in self.estimate.sectors.items() if 0 < count < _COVERED * SECTORS}

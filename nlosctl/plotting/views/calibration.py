@@ -13,6 +13,7 @@ import numpy as np
 from nlosctl.contract.calibration import Calibration
 from nlosctl.contract.run_options import InputOptions, OutputOptions, SolveOptions
 from nlosctl.errors import DataError
+from nlosctl.geometry.angles import deviation_terms
 from nlosctl.io.results.plot_inputs import PlotInput, open_plot_input
 from nlosctl.io.results.residual_sectors import SensorResiduals, read_residuals
 from nlosctl.jobs.files import Destination, open_inputs
@@ -27,6 +28,7 @@ __all__ = ["draw_calibration_view"]
 
 _MOST_NAMES = 12
 _MOST_LINES = 8
+_FROM_HEADING = "direction from the heading, counter-clockwise"
 _LOOKS = ((0, (1.0, 1.5)), "-", "--", "-.")
 """Lines of the residuals of the first file, the second, ..."""
 
@@ -47,7 +49,7 @@ def draw_calibration_view(request: PlotRequest) -> Picture:
     with_directions = any(part.sectors for part in residuals)
     columns = 1 + bool(residuals) + with_directions
     figure, panels = request.figure(1, columns, size_in=(4.6 * columns if columns > 1 else 6.4, 4.4))
-    notes = _draw_offsets(panels[0], calibration)
+    notes = _draw_deviations(panels[0], calibration) if calibration.harmonics else _draw_offsets(panels[0], calibration)
     if residuals:
         _draw_by_sensor(panels[1], calibration, residuals)
     if with_directions:
@@ -66,14 +68,17 @@ def _residuals(request: PlotRequest, file: PlotInput, calibration: Calibration) 
             raise DataError(f"{file.name} has offsets of {calibration.kind}, and {other.name} {other.kind}")
     estimates = request.of("estimates")
     limit, by = request.max_rows, calibration.by
+    relative = None if not calibration.harmonics else Calibration(kind="bearings", harmonics=calibration.harmonics)
     measured = [other for other in given if other.content == "measurements"]
     if not measured:
         own = estimates[0] if estimates else None
-        yield (read_residuals(flags, flags.name, by, request.read, own, limit) for flags in given)
+        read = replace(request.read, calibration=relative)
+        yield (read_residuals(flags, flags.name, by, read, own, limit) for flags in given)
         return
+    read = InputOptions(scene=request.read.scene, calibration=relative)
     with tempfile.TemporaryDirectory() as folder:
         yield (
-            read_residuals(flags, label, by, InputOptions(scene=request.read.scene), fixes, limit)
+            read_residuals(flags, label, by, read, fixes, limit)
             for label, applied in (("before", None), ("after", calibration))
             for flags, fixes in [_localized(measured[0], request.read, file.method, applied, Path(folder, label))]
         )
@@ -117,6 +122,27 @@ def _draw_offsets(axes: Axes, calibration: Calibration) -> list[str]:
     lacking = [" ".join(entry.key) for entry in calibration.entries if entry.std is None]
     more = f" and {len(lacking) - _MOST_NAMES} more" if len(lacking) > _MOST_NAMES else ""
     return [f"not determined: {', '.join(lacking[:_MOST_NAMES])}{more}"] if lacking else []
+
+
+def _draw_deviations(axes: Axes, calibration: Calibration) -> list[str]:
+    """Draw the deviation of each array by the direction, with one std to either side; return a note on the others."""
+    direction = np.linspace(-np.pi, np.pi, 361)
+    per_term = deviation_terms(direction, calibration.terms)
+    whole = np.zeros((len(calibration.entries) * calibration.terms,) * 2)
+    if calibration.covariance is not None:
+        whole[np.ix_(calibration.order, calibration.order)] = calibration.covariance
+    for number, entry in enumerate(calibration.entries[:_MOST_LINES]):
+        own = slice(number * calibration.terms, (number + 1) * calibration.terms)
+        value, std = per_term @ entry.terms, np.sqrt(np.sum(per_term @ whole[own, own] * per_term, axis=1))
+        look = series_style(number)
+        x = np.degrees(direction)
+        axes.plot(x, value, color=look.color, linestyle=look.line, label=plain(" ".join(entry.key)))
+        axes.fill_between(x, value - std, value + std, color=look.color, alpha=0.2, linewidth=0.0)
+    _label_directions(axes, _FROM_HEADING)
+    axes.set_ylabel(axis_label("deviation, and its standard deviation", calibration.quantity.unit))
+    place_legend(axes)
+    left = len(calibration.entries) - _MOST_LINES
+    return [f"the deviations of {left} more arrays are not drawn"] if left > 0 else []
 
 
 def _draw_by_sensor(axes: Axes, calibration: Calibration, residuals: Sequence[SensorResiduals]) -> None:
@@ -164,15 +190,19 @@ def _draw_by_direction(axes: Axes, calibration: Calibration, residuals: Sequence
                 markerfacecolor=look.color if number else "white",
                 label=plain(f"{name}, {part.label}" if len(residuals) > 1 else name),
             )
-    axes.axhline(0.0, color="#404040", linewidth=0.8, zorder=1.5)
-    axes.set_xlim(-180.0, 180.0)
-    axes.set_xticks(range(-180, 181, 60))
     what = "bearing" if calibration.kind == "bearings" else "direction from the sensor"
-    axes.set_xlabel(axis_label(f"{what}, counter-clockwise from +x", "deg"))
+    _label_directions(axes, _FROM_HEADING if calibration.harmonics else f"{what}, counter-clockwise from +x")
     axes.set_ylabel(axis_label("mean residual in a sector of 10 degrees", calibration.quantity.unit))
     place_legend(axes)
     left = len(keys) - len(chosen)
     return [f"residuals by direction of {left} more sensors are not drawn"] if left else []
+
+
+def _label_directions(axes: Axes, what: str) -> None:
+    axes.axhline(0.0, color="#404040", linewidth=0.8, zorder=1.5)
+    axes.set_xlim(-180.0, 180.0)
+    axes.set_xticks(range(-180, 181, 60))
+    axes.set_xlabel(axis_label(what, "deg"))
 
 
 def _keys(residuals: Sequence[SensorResiduals]) -> list[Key]:
