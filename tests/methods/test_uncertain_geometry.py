@@ -69,10 +69,16 @@ def test_stansfield_weighs_lines_by_all_causes(name: str) -> None:
     ],
 )
 def test_ellipses_hold_the_sources(name: str, method: str) -> None:
-    """Over worlds of their own the mean NEES is the dimension, and much larger if the geometry is taken as exact."""
+    """Over worlds of their own the mean NEES is the dimension, and p-values of fits are uniform.
+
+    If the geometry is taken as exact, the NEES is much larger.
+    """
     world = EVERY[name]
     table, sources, _ = sample(world, 250, seed=23)
-    position, covariance, _ = solved(world, table, method)
+    position, covariance, estimates = solved(world, table, method)
+    likely = np.array([row["fit_p_value"] for row in estimates if row["fit_p_value"] is not None])
+    assert abs(likely.mean() - 0.5) < 0.12
+    assert (likely < 0.05).mean() < 0.1
     nees = squares(position - sources, covariance)
     assert nees.size > 240
     assert abs(nees.mean() / world.dimension - 1.0) < 0.2

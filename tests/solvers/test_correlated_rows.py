@@ -15,6 +15,7 @@ from nlosctl.solvers.optimization.correlated_rows import (
     covariance_by_gain,
     covariance_of_fix,
     inverse_or_nan,
+    least_square,
     linear_fix,
     refine_positions,
     rescaled_covariance,
@@ -78,6 +79,7 @@ def test_a_linear_fix_solves_its_equations_in_one_step() -> None:
         slopes = np.stack([slope[number] for slope in rows.slopes], axis=1)
         residual = rows.residual[number] + slopes @ (fix[number] - start[number])
         np.testing.assert_allclose(slopes.T @ inverse @ residual, 0.0, atol=1e-9)
+        np.testing.assert_allclose(least_square(rows)[number], residual @ inverse @ residual, rtol=1e-9)
         wide = spread[number][:, None] * covariance[number] * spread[number]
         own = np.linalg.inv(slopes.T @ inverse @ slopes) @ slopes.T @ inverse
         np.testing.assert_allclose(given[number], own @ wide @ own.T, rtol=1e-8)

@@ -21,6 +21,7 @@ __all__ = [
     "covariance_by_gain",
     "covariance_of_fix",
     "inverse_or_nan",
+    "least_square",
     "linear_fix",
     "refine_positions",
     "rescaled_covariance",
@@ -55,6 +56,13 @@ def covariance_of_fix(rows: JointRows) -> tuple[FloatArray, FloatArray]:
     with ignoring_division():
         step = -product[:, -2, -1] / product[:, -2, -2]
     return inverse_or_nan(product[:, :-1, :-1]), step
+
+
+def least_square(rows: JointRows) -> FloatArray:
+    """Return r'R^-1 r (B,) after a Gauss-Newton step of all unknowns, NaN where that is singular."""
+    information, gradient, square = correlated_equations(rows)
+    step = sum_measurements(inverse_or_nan(information) * gradient[:, None, :])
+    return np.asarray(square - sum_measurements(gradient * step))
 
 
 def _root(rows: JointRows) -> FloatArray:

@@ -35,6 +35,7 @@ from nlosctl.solvers.optimization.correlated_rows import (
     correlated_equations,
     covariance_by_gain,
     covariance_of_fix,
+    least_square,
     linear_fix,
     refine_positions,
     rescaled_covariance,
@@ -52,6 +53,9 @@ _NEAR = 3.0
 
 _FAR = 6.0
 """A fix that correlations would move so many stds, stays."""
+
+_USED = 0.5
+"""A robust method uses rows that are direct with a larger probability."""
 
 _PLAIN_PASSES, _ROBUST_PASSES = 1, 2
 """So often errors that depend on the position are taken at the position found so far, from that without any."""
@@ -173,7 +177,10 @@ class _Correlated:
         if lines is not None:
             return self._of_lines(estimates, chosen, before, after, lines)
         given = dense_covariances(estimates, chosen, rows)
-        return Changes(chosen, position, rescaled_covariance(given, before, after))
+        square = None
+        if self.spec.direct_rows is not None:
+            square = least_square(rows.only(rows.of_rows(direct, 1.0) > _USED))
+        return Changes(chosen, position, rescaled_covariance(given, before, after), square)
 
     def _of_lines(
         self, estimates: Estimates, chosen: IntArray, before: FloatArray, sandwich: FloatArray, lines: Any
@@ -189,7 +196,8 @@ class _Correlated:
         rows = self.rows(row, position)
         given = rescaled_covariance(dense_covariances(estimates, chosen, rows), before, sandwich)
         covariance = np.where(near[:, None, None], after, given)
-        return Changes(chosen, position, covariance, correlated_equations(rows)[2])
+        square = correlated_equations(rows)[2]
+        return Changes(chosen, position, covariance, square, 0.5 * square)
 
     def _refined(self, estimates: Estimates, chosen: IntArray, before: FloatArray, sandwich: FloatArray) -> Changes:
         """Return the changes of fixes that minimize the chi-square."""
@@ -202,7 +210,7 @@ class _Correlated:
         after = np.where(near[:, None, None], inverse, sandwich)
         covariance = rescaled_covariance(dense_covariances(estimates, chosen, rows), before, after)
         square = correlated_equations(rows)[2]
-        return Changes(chosen, position, covariance, square, step if rows.nuisances else None)
+        return Changes(chosen, position, covariance, square, 0.5 * square, step if rows.nuisances else None)
 
     def _is_plain(self, row: IntArray, start: FloatArray, covariance: FloatArray, refined: FloatArray) -> BoolArray:
         """Return which fixes (N,) are far from every sensor, and stay near where they were, in their stds."""

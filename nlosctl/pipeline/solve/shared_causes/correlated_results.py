@@ -27,14 +27,15 @@ _CROSS = ("cov_x_offset_m2", "cov_y_offset_m2", "cov_z_offset_m2")
 class Changes:
     """The estimates ``chosen`` (N,) with other positions (N, D) and covariances (N, U, U) of their unknowns.
 
-    ``chi_square`` (N,) and by how much the offset of arrivals is larger than the likeliest of independent rows; None
-    where they stay. A covariance that is not finite changes nothing of its estimate.
+    ``chi_square`` (N,), ``cost`` (N,), and by how much the offset of arrivals is larger than the
+    likeliest of independent rows; None where they stay. A covariance that is not finite changes nothing.
     """
 
     chosen: IntArray
     position_m: FloatArray
     covariance: FloatArray
     chi_square: FloatArray | None = None
+    cost: FloatArray | None = None
     offset_step_m: FloatArray | None = None
 
     @classmethod
@@ -74,13 +75,11 @@ def changed_estimates(estimates: Estimates, changes: Changes, batch: Any, option
     replaced["position_m"][chosen] = changes.position_m
     if "offset_std_m" in columns:
         columns |= _offset_columns(columns, changes, batch, estimates.row[chosen], count)
-    if changes.chi_square is not None:
-        for field, values in (("cost", 0.5 * changes.chi_square), ("chi_square", changes.chi_square)):
-            array = getattr(estimates, field)
-            if array is not None:
-                array = array.copy()
-                array[chosen] = values
-                replaced[field] = array
+    for field, values in (("cost", changes.cost), ("chi_square", changes.chi_square)):
+        array = getattr(estimates, field)
+        if array is not None and values is not None:
+            replaced[field] = array.copy()
+            replaced[field][chosen] = values
     changed = replace(estimates, columns=columns, **replaced)
     if not ranks:
         return changed
