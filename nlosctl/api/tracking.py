@@ -37,6 +37,7 @@ def track(
     estimate_acceleration: bool = False,
     gap: str | None = None,
     causal: bool = False,
+    associate: bool = False,
     flags: bool = False,
     method: str | Sequence[str] = "ml",
     scene: SceneLike = None,
@@ -58,7 +59,8 @@ def track(
     """Find the paths of moving sources from estimates or measurements at times; see ``nlosctl track``.
 
     ``acceleration_psd`` is the density of the acceleration in m2/s3, unless ``estimate_acceleration``. ``gap`` is the
-    longest time within a track, such as ``60s``; with ``causal`` each state is given the rows until then. ``flags``
+    longest time within a track, such as ``60s``; with ``causal`` each state is given the rows until then. With
+    ``associate`` the targets of each snapshot are assigned to tracks. ``flags``
     asks for those of measurements. ``by`` names columns that separate tracks. The other arguments are those of
     `localize`, ``parameters`` those of the method.
 
@@ -77,7 +79,7 @@ def track(
     )
     sinks = {name: TableSink() for name in ("estimates", *(["flags"] if flags else []))}
     destination = Destination(sinks={name: sink.start for name, sink in sinks.items()})
-    motion = track_job.Motion(gap=gap, causal=causal, estimate_acceleration=estimate_acceleration)
+    motion = track_job.Motion(gap=gap, causal=causal, estimate_acceleration=estimate_acceleration, associate=associate)
     with set_aside(bad_rows) as aside:
         write = OutputOptions(carry=names_of(carry), **aside.options)
         run = track_job.track(inputs_of(table), read, options, write, destination, motion)

@@ -121,7 +121,8 @@ class TargetSummary:
     (alpha = 2) are means over the snapshots, with their parts; ``matched_rmse_m`` is over the ``matched_targets``,
     estimated within the cutoff. ``case_i`` to ``case_vi`` count the estimated targets by the cases of Liang, Zeng,
     Li (see `nlosctl.evaluation.targets.case_of`). ``mean_used_share`` and ``share_p_below_0001`` are as in
-    `EstimateSummary`, over the estimated targets. NaN: not defined.
+    `EstimateSummary`, over the estimated targets. ``identity_switches`` counts the true targets, snapshot by snapshot,
+    that are matched by another track than before; None without tracks. NaN: not defined.
     """
 
     snapshots: int
@@ -148,3 +149,4 @@ class TargetSummary:
     case_iv: int
     case_v: int
     case_vi: int
+    identity_switches: int | None = None

@@ -66,8 +66,8 @@ class TargetScores:
     def add(self, rows: EchoRows, estimated_m: FloatArray | None, key: Hashable = ("",)) -> None:
         """Add a snapshot: its rows, and the estimated targets (T, D), their positions.
 
-        Further columns of them are the share of rows used and the p-value of the fit. With ``estimated_m`` None,
-        targets are counted from the flags, and no distances are scored.
+        Further columns of them are the share of rows used, the p-value of the fit, and, of targets in tracks, the
+        number of the track. With ``estimated_m`` None, targets are counted from the flags, and no distances are scored.
         """
         tally = self._groups.setdefault(key, _Tally())
         estimated = _sets(rows.target, rows.los)
@@ -84,11 +84,13 @@ class TargetScores:
         if estimated_m is not None:
             dimension = rows.true_m.shape[1]
             true_m = np.array([rows.true_m[rows.true_target == number][0] for number in numbers]).reshape(-1, dimension)
-            estimated_m, fit = estimated_m[:, :dimension], estimated_m[:, dimension:]
+            estimated_m, fit, track = np.split(estimated_m, (dimension, dimension + 2), axis=1)
             if fit.shape[1]:
                 tally.fit.add(np.isfinite(estimated_m[:, 0]), fit[:, 0], fit[:, 1])
             distance = set_distance(estimated_m, true_m, order=self._order, cutoff_m=self._cutoff_m)
             tally.add_distance(distance, estimated_m, true_m)
+            if track.shape[1]:
+                tally.add_tracks(numbers[distance.pairs[:, 1]], track[distance.pairs[:, 0], 0])
 
     def result(self) -> dict[Hashable, TargetSummary]:
         """Return the summary of each group, in order of first appearance."""
@@ -135,6 +137,8 @@ class _Tally:
     cases: Counter[str] = field(default_factory=Counter)
     fit: FitTally = field(default_factory=FitTally)
     distances: FloatArray = field(default_factory=lambda: np.zeros(len(_DISTANCES)))
+    switches: int | None = None
+    last_track: dict[int, float] = field(default_factory=dict)
 
     def add_distance(self, distance: SetDistance, estimated_m: FloatArray, true_m: FloatArray) -> None:
         error = estimated_m[distance.pairs[:, 0]] - true_m[distance.pairs[:, 1]]
@@ -143,9 +147,17 @@ class _Tally:
         self.squared_error_m2 += float((error * error).sum())
         self.distances = self.distances + [getattr(distance, name) for name in _DISTANCES]
 
+    def add_tracks(self, true_target: IntArray, track: FloatArray) -> None:
+        """Count matched targets whose track is another one than when they were matched before."""
+        now = dict(zip(true_target.tolist(), track.tolist(), strict=True))
+        self.switches = (self.switches or 0) + sum(self.last_track.get(name, own) != own for name, own in now.items())
+        self.last_track |= now
+
     def include(self, other: _Tally) -> None:
         self.fit.include(other.fit)
-        for name in self.__dataclass_fields__.keys() - {"fit"}:
+        if other.switches is not None:
+            self.switches = (self.switches or 0) + other.switches
+        for name in self.__dataclass_fields__.keys() - {"fit", "switches", "last_track"}:
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
     def summary(self) -> TargetSummary:
@@ -165,6 +177,7 @@ class _Tally:
             matched_rmse_m=math.sqrt(ratio(self.squared_error_m2, self.matched)),
             mean_used_share=self.fit.mean_used_share,
             share_p_below_0001=self.fit.share_p_below_0001,
+            identity_switches=self.switches,
             **means,
             **{f"case_{name}": self.cases[name] for name in CASES},
         )

@@ -39,12 +39,14 @@ class Motion:
     """How sources move, and which rows a state is given.
 
     ``gap`` is the longest time between rows of one track, as text with its unit; ``causal``: states given the rows
-    until then; ``estimate_acceleration``: the density of the acceleration is estimated, not a parameter.
+    until then; ``estimate_acceleration``: the density of the acceleration is estimated, not a parameter;
+    ``associate``: the targets of snapshots are assigned to tracks.
     """
 
     gap: str | None = None
     causal: bool = False
     estimate_acceleration: bool = False
+    associate: bool = False
 
 
 def track(
@@ -61,7 +63,11 @@ def track(
     """
     moves = motion or Motion()
     own, parameters = track_options(
-        options.parameters, gap=moves.gap, causal=moves.causal, estimate_acceleration=moves.estimate_acceleration
+        options.parameters,
+        gap=moves.gap,
+        causal=moves.causal,
+        estimate_acceleration=moves.estimate_acceleration,
+        associate=moves.associate,
     )
     options = dataclasses.replace(options, parameters=parameters, jobs=options.jobs or usable_jobs(0))
     for target in filter(is_folder_target, destination.wanted.values()):
@@ -75,6 +81,10 @@ def track(
             raise DataError("the inputs are estimates and measurements; track them one by one")
         if all(of_fixes):
             return _track_fixes(sources, read, own, options, write, destination)
+        if own.association is not None:
+            raise UsageError(
+                f"{sources[0].name}: `associate` is for estimates of several targets; find those first (identify-los)"
+            )
         return _track_measurements(sources, read, own, options, write, destination)
 
 

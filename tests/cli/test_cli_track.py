@@ -196,3 +196,42 @@ def test_measurements_without_times_name_both_kinds_of_input(cli: Cli, tmp_path:
     err = cli("track", "ranges.csv", "-p", "acceleration_psd=1").err
     assert "no column 'time_s' or 'time'" in err
     assert "tracks, of measurements or of estimates (x_m, y_m, cov_xx_m2, ...), need" in err
+
+
+TARGETS = "snapshot,target,time_s,x_m,y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2,status"
+
+
+def test_targets_of_snapshots_become_tracks(cli: Cli, tmp_path: Path) -> None:
+    """With ``--associate`` targets numbered anew in each snapshot are one track each; a row without one has none."""
+    rng = np.random.default_rng(3)
+    lines = []
+    for second in range(20):
+        places = [(2.0 * second, 0.0), (100.0 - second, 50.0)]
+        for number, at in enumerate(rng.permutation(2)):
+            x, y = places[at] + rng.normal(0.0, 0.5, 2)
+            lines.append(f"{second},{number},{second},{x:.3f},{y:.3f},0.25,0,0.25,ok")
+    lines.append("20,0,20,,,,,,no_target")
+    (tmp_path / "targets.csv").write_text("\n".join([TARGETS, *lines, ""]))
+    words = ["-p", "acceleration_psd=0.01", "-o", "t.parquet"]
+    assert "several targets" in cli("track", "targets.csv", *words).err
+    outcome = cli("track", "targets.csv", "--associate", *words)
+    assert outcome.code == 0
+    assert "2 tracks" in outcome.err
+    table = pq.read_table(tmp_path / "t.parquet").to_pylist()
+    assert table[-1]["track"] is None
+    assert table[-1]["status"] == "no_target"
+    sides = {(row["track"], row["y_m"] > 25.0) for row in table[:-1]}
+    assert len(sides) == 2
+    assert {row["status"] for row in table[:-1]} == {"ok"}
+
+
+def test_what_association_needs(cli: Cli, tmp_path: Path) -> None:
+    """``--associate`` needs a density to predict with; its parameters are checked, and only known with it."""
+    write_fixes(tmp_path)
+    words = ["track", "fixes.csv", "--by", "tag"]
+    needs = cli(*words, "--associate", "--estimate-acceleration")
+    assert (needs.code, "acceleration_psd" in needs.err) == (2, True)
+    wrong = cli(*words, "--associate", "-p", "acceleration_psd=1", "-p", "misses=0")
+    assert (wrong.code, "misses" in wrong.err) == (2, True)
+    alone = cli(*words, "-p", "acceleration_psd=1", "-p", "misses=3")
+    assert (alone.code, "misses" in alone.err) == (2, True)

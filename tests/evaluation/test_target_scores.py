@@ -76,3 +76,17 @@ def test_groups_and_overall_target_scores() -> None:
     result = scores.result()
     assert (result["a"].exact, result["b"].exact, scores.overall().exact) == (1.0, 0.0, 0.5)
     assert np.isnan(scores.overall().ospa_m)
+
+
+def test_targets_that_change_their_track_are_counted() -> None:
+    """A true target matched by another track than before is a switch; without tracks there is no such figure."""
+    scores, plain = TargetScores(), TargetScores()
+    snapshot = rows([0, 0, 1, 1], [0, 0, 1, 1], [1, 1, 1, 1])
+    for tracks in ([7, 8], [7, 8], [8, 7], [8, np.nan]):
+        found = np.column_stack([POSITIONS, np.ones((2, 2)), tracks])
+        if np.isnan(tracks[1]):
+            found = found[:1]
+        scores.add(snapshot, found)
+        plain.add(snapshot, found[:, :2])
+    assert scores.overall().identity_switches == 2
+    assert plain.overall().identity_switches is None

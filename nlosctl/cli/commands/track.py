@@ -34,6 +34,10 @@ def track(
         bool,
         typer.Option("--estimate-acceleration", rich_help_panel="Method", help="Estimate acceleration_psd (m2/s3)."),
     ] = False,
+    associate: Annotated[
+        bool,
+        typer.Option("--associate", rich_help_panel="Method", help="Assign the targets of each snapshot to tracks."),
+    ] = False,
     strict: Strict = False,
     config: ConfigFile = None,
     quiet: Quiet = False,
@@ -52,7 +56,7 @@ def track(
     from nlosctl.jobs.track import track as find_paths
 
     terminal = Terminal(quiet, verbose)
-    motion = Motion(gap=gap, causal=causal, estimate_acceleration=estimate_acceleration)
+    motion = Motion(gap=gap, causal=causal, estimate_acceleration=estimate_acceleration, associate=associate)
     targets = {"estimates": write.output, "flags": write.flags_out}
     with preview_sinks("estimates", write) as sinks:
         destination = Destination(targets=targets, sinks=sinks, protected=[config], console=terminal)

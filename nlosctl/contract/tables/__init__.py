@@ -11,7 +11,7 @@ from nlosctl.contract.tables.bearings_ranges import BEARINGS, RANGES
 from nlosctl.contract.tables.bound import BOUND
 from nlosctl.contract.tables.calibration import CALIBRATION, DEVIATIONS
 from nlosctl.contract.tables.columns import SWEEP_PREFIX, Column, ColumnType, Spelling, Table, is_swept
-from nlosctl.contract.tables.motion import FIXES, PART, VELOCITY
+from nlosctl.contract.tables.motion import FIXES, PART, TRACK, VELOCITY
 from nlosctl.contract.tables.posterior import POSTERIOR
 from nlosctl.contract.tables.results import ESTIMATES, FLAGS, TRUTH
 from nlosctl.contract.tables.scores import SCORES
@@ -40,6 +40,7 @@ __all__ = [
     "SWEEP_PREFIX",
     "TABLES",
     "TRACE",
+    "TRACK",
     "TRIPLETS",
     "TRUTH",
     "TRUTH_HEIGHT",

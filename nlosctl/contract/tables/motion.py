@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nlosctl.contract.tables.columns import Column, Table
 
-__all__ = ["FIXES", "PART", "VELOCITY"]
+__all__ = ["FIXES", "PART", "TRACK", "VELOCITY"]
 
 _WORDS = {"x": "to x", "y": "to y", "z": "up, in three dimensions"}
 
@@ -39,6 +39,13 @@ PART = Column(
     type="integer",
     nullable=True,
     meaning="number of the track among those that gaps split, from 0 in order of time",
+)
+
+TRACK = Column(
+    name="track",
+    type="integer",
+    nullable=True,
+    meaning="number of the track that a target is assigned to, from 0 in order of time; null without a position",
 )
 
 FIXES = Table(

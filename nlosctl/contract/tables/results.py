@@ -5,7 +5,7 @@ from __future__ import annotations
 from nlosctl.contract.tables.added import ADDED_COLUMNS, ELLIPSE
 from nlosctl.contract.tables.arrivals import OFFSET
 from nlosctl.contract.tables.columns import Column, Table
-from nlosctl.contract.tables.motion import PART, VELOCITY
+from nlosctl.contract.tables.motion import PART, TRACK, VELOCITY
 from nlosctl.contract.tables.shared import TRUTH_POSITION
 from nlosctl.contract.tables.space import TRUTH_HEIGHT
 
@@ -68,6 +68,7 @@ ESTIMATES = Table(
             meaning="mean time of the rows kept in a window, or of the rows of a state of a track",
         ),
         PART,
+        TRACK,
         Column(
             name="covariance_kind",
             type="text",

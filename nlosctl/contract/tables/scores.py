@@ -37,6 +37,7 @@ _COUNTS = (
     ("true_targets", "true targets"),
     ("found_targets", "estimated targets"),
     ("matched_targets", "estimated targets within the cutoff of a true target"),
+    ("identity_switches", "matched targets in another track than when they were matched before"),
     *((f"case_{case}", f"estimated targets of case ({case})") for case in ("i", "ii", "iii", "iv", "v", "vi")),
     *((f"status_{status.word}", f"rows of status {status.word}") for status in Status),
 )

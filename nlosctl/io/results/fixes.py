@@ -70,6 +70,13 @@ class FixTable:
         values = numbers(self.table.column(name))
         return np.where(np.isfinite(values), values, otherwise).astype(np.int64)
 
+    @property
+    def scan(self) -> IntArray:
+        """The number (S,) of each fix's snapshot; without such a column of its time."""
+        if "snapshot" not in self.table.column_names:
+            return np.asarray(np.unique(self.time_s, return_inverse=True)[1], dtype=np.int64)
+        return group_codes(self.table, ["snapshot"])[0]
+
     def chunk(self, source: str) -> Chunk:
         """Return the fixes as a chunk of snapshots of one row each."""
         size = len(self.time_s)
@@ -98,11 +105,13 @@ def are_fixes(names: Sequence[str], measured: frozenset[str]) -> bool:
     return {"x_m", "y_m"} <= set(names) and measured.isdisjoint(names)
 
 
-def read_fixes(given: Input, by: Sequence[str], timezone: str | None, most_rows: int) -> FixTable:
+def read_fixes(
+    given: Input, by: Sequence[str], timezone: str | None, most_rows: int, *, several: bool = False
+) -> FixTable:
     """Return the fixes of an input, the first alternative of each snapshot.
 
-    Raises DataError without times, without a column of ``by``, for several methods or targets in a track, and for more
-    than ``most_rows`` rows.
+    Raises DataError without times, without a column of ``by``, for several methods or (unless there may be ``several``)
+    targets in a track, and for more than ``most_rows`` rows.
     """
     with closing(PlainReader(given, FIXES)) as reader:
         names = reader.schema.names
@@ -120,7 +129,7 @@ def read_fixes(given: Input, by: Sequence[str], timezone: str | None, most_rows:
     table = table.take(pa.array(rows)).combine_chunks()
     key, _ = group_codes(table, list(by))
     time_s, elapsed_s = _times(table, times, given.name, timezone, rows, key)
-    _refuse_several(table, by, key, given.name)
+    _refuse_several(table, (*by, "target") if several else by, key, given.name)
     dimension = 3 if has_heights(names) else 2
     position = np.stack([numbers(table.column(name)) for name in POSITION[:dimension]], axis=1)
     entries = [numbers(table.column(name)) for name in COVARIANCE[: dimension * (dimension + 1) // 2]]

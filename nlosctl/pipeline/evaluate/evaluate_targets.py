@@ -11,7 +11,7 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.statuses import Status
-from nlosctl.contract.tables import ESTIMATES, FLAGS
+from nlosctl.contract.tables import ESTIMATES, FLAGS, TRACK
 from nlosctl.errors import DataError
 from nlosctl.evaluation.targets import EchoRows, TargetScores
 from nlosctl.io.paths.inputs import Input
@@ -32,7 +32,8 @@ class _TargetEstimates:
     """The estimated targets (T, D + 2) of each snapshot, by its id and the ``shared`` grouping values as text.
 
     Their columns are x, y and in space z, the share of rows used and the p-value of the fit, NaN if unknown. ``other``
-    has the values of the grouping columns that only the flags have, by snapshot.
+    has the values of the grouping columns that only the flags have, by snapshot. Targets in tracks have their number as
+    one more column.
     """
 
     by_snapshot: Mapping[tuple[str, ...], FloatArray]
@@ -115,6 +116,7 @@ def _positions(table: Any, shared: Sequence[str], axes: str) -> Iterator[tuple[t
     """Yield the key and the targets (T, D + 2) of each snapshot of a table of estimates."""
     by_snapshot, snapshots = group_codes(table, ["snapshot", *shared])
     fit = [np.full(table.num_rows, np.nan) if values is None else values for values in fit_arrays(table).values()]
+    fit += [numbers(table.column(TRACK.name))] if TRACK.name in table.column_names else []
     targets = np.stack([*(numbers(table.column(f"{axis}_m")) for axis in axes), *fit], axis=1)
     statuses = np.array(table.column("status").to_pylist(), dtype=object)
     counted = (numbers(table.column("alternative")) == 0.0) & ~np.isin(statuses, _WITHOUT_TARGET)

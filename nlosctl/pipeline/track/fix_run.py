@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from nlosctl.arrays import IntArray
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import EarthFrame, Scene, parse_frame
 from nlosctl.errors import UsageError
@@ -17,7 +18,15 @@ from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_m
 from nlosctl.pipeline.solve.method_runs import MethodTally
 from nlosctl.pipeline.solve.report import RunReport
 from nlosctl.pipeline.track.track_options import TrackOptions
-from nlosctl.pipeline.track.track_table import SnapshotStates, counted, density_note, optional_columns, track_estimates
+from nlosctl.pipeline.track.track_table import (
+    SnapshotStates,
+    counted,
+    density_note,
+    optional_columns,
+    track_estimates,
+    with_tracks,
+)
+from nlosctl.solvers.tracking.association import AssociationRule, associate_fixes
 from nlosctl.solvers.tracking.fix_paths import FixPaths, track_fixes
 
 __all__ = ["FixRun"]
@@ -34,7 +43,11 @@ class FixRun:
     ) -> None:
         self._inputs, self._options = tuple(inputs), options
         self._by = tuple(read.by)
-        self._tables = [read_fixes(given, read.by, read.timezone, read.max_sort_rows) for given in inputs]
+        self._tracks: list[IntArray] = []
+        self._tables = [
+            read_fixes(given, read.by, read.timezone, read.max_sort_rows, several=options.association is not None)
+            for given in inputs
+        ]
         self._refuse_mixed_dimensions()
         self._frame = self._common_frame()
         first = self._tables[0].table
@@ -74,13 +87,15 @@ class FixRun:
             mine = slice(start, start + len(table.time_s))
             start = mine.stop
             yield self._chunk(given, table, paths, mine)
-        self._note(paths, int(key.max()) + 1)
+        lost = sum(int(np.count_nonzero(track < 0)) for track in self._tracks)
+        self._note(paths, int(key.max()) + 1 - lost, lost)
 
     def _paths(self) -> tuple[FixPaths, Any]:
         keys, before = [], 0
         for table in self._tables:
-            keys.append(table.key + before)
-            before += int(table.key.max()) + 1
+            own = table.key if self._options.association is None else self._associated(table, self._options.association)
+            keys.append(own + before)
+            before += int(own.max()) + 1
         key = np.concatenate(keys)
         options = self._options
         return track_fixes(
@@ -92,6 +107,21 @@ class FixRun:
             gap_s=options.gap_s,
             causal=options.causal,
         ), key
+
+    def _associated(self, table: FixTable, rule: AssociationRule) -> IntArray:
+        """Return the tracks (S,) of fixes, each group by itself; a fix without a position is a track of its own."""
+        track, scan = np.full(len(table.time_s), -1, dtype=np.int64), table.scan
+        for group in range(int(table.key.max()) + 1):
+            rows = np.flatnonzero(table.key == group)
+            found = associate_fixes(
+                scan[rows], table.elapsed_s[rows], table.position_m[rows], table.covariance_m2[rows], rule
+            )
+            track[rows] = np.where(found < 0, -1, found + track.max(initial=-1) + 1)
+        self._tracks.append(track)
+        lost = np.flatnonzero(track < 0)
+        key = track.copy()
+        key[lost] = track.max(initial=-1) + 1 + np.arange(lost.size)
+        return key
 
     def _chunk(self, given: Input, table: FixTable, paths: FixPaths, mine: slice) -> ChunkTables:
         size = len(table.time_s)
@@ -117,6 +147,8 @@ class FixRun:
             method=np.array([number[name] for name in table.methods], dtype=np.int64),
             target=table.integers("target", 0),
         )
+        if self._options.association is not None:
+            estimates = with_tracks(estimates, self._tracks[len(self.report.inputs)])
         for name, index in number.items():
             self.report.methods[name].add_estimates(estimates, index)
         self.report.inputs.append({"name": given.name, "rows": size + table.further})
@@ -134,10 +166,15 @@ class FixRun:
             )
         return ChunkTables(named={"estimates": self._layout.table(estimates, table.chunk(given.name))}, rows=size)
 
-    def _note(self, paths: FixPaths, tracks: int) -> None:
+    def _note(self, paths: FixPaths, tracks: int, alone: int = 0) -> None:
+        """Note the motion and the number of tracks; ``alone`` fixes are in none."""
         found, estimated = paths.density, self._options.density is None
-        self.report.notes.append(density_note(found, estimated, tracks, paths.tracks))
-        self.report.settings = {**self.report.settings, "acceleration_psd": found.density, "tracks": paths.tracks}
+        self.report.notes.append(density_note(found, estimated, tracks, paths.tracks - alone))
+        self.report.settings = {
+            **self.report.settings,
+            "acceleration_psd": found.density,
+            "tracks": paths.tracks - alone,
+        }
 
     def _refuse_mixed_dimensions(self) -> None:
         dimensions = [table.position_m.shape[1] for table in self._tables]

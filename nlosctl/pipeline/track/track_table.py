@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,13 +11,13 @@ import numpy.typing as npt
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.scene import EarthFrame
 from nlosctl.contract.statuses import Status
-from nlosctl.contract.tables import PART, VELOCITY
+from nlosctl.contract.tables import PART, TRACK, VELOCITY
 from nlosctl.io.results.layouts import OF_SPACE, ChunkEstimates
 from nlosctl.io.scenes.scene_file import plane_of
 from nlosctl.pipeline.track.track_options import TrackOptions
 from nlosctl.solvers.tracking.acceleration import DensityEstimate
 
-__all__ = ["SnapshotStates", "counted", "density_note", "optional_columns", "track_estimates"]
+__all__ = ["SnapshotStates", "counted", "density_note", "optional_columns", "track_estimates", "with_tracks"]
 
 _ON_EARTH = ("lat_deg", "lon_deg", "frame")
 
@@ -76,6 +77,7 @@ def optional_columns(dimension: int, options: TrackOptions, frame: EarthFrame | 
     }
     names |= set(OF_SPACE) if dimension == 3 else set()
     names |= set(_ON_EARTH) if frame is not None else set()
+    names |= set() if options.association is None else {TRACK.name}
     return frozenset(names if np.isinf(options.gap_s) else names | {PART.name})
 
 
@@ -129,6 +131,14 @@ def track_estimates(
         on_edge=np.zeros(size, dtype=bool),
         columns=columns,
     )
+
+
+def with_tracks(estimates: ChunkEstimates, track: IntArray) -> ChunkEstimates:
+    """Return the estimates with the track (S,) of each; -1 for one without a position, which is then no target."""
+    alone = track < 0
+    column = np.where(alone, np.nan, track.astype(np.float64))
+    status = np.where(alone, np.uint8(Status.NO_TARGET), estimates.status)
+    return dataclasses.replace(estimates, status=status, columns={**estimates.columns, TRACK.name: column})
 
 
 def counted(count: int, what: str) -> str:
