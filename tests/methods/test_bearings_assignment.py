@@ -181,6 +181,18 @@ def test_azimuths_and_elevations_find_sources_in_space() -> None:
     assert 2.4 < nees < 3.6
 
 
+def test_flags_in_space_have_both_residuals() -> None:
+    """Residuals of azimuths and elevations are columns of the flags in space, also where no source is found."""
+    for targets in (0, 2):
+        world = {"dimensions": 3, "targets": targets, "false_bearings": 0.5, "angle_std_deg": 0.2}
+        for _, batch in blocks(draw_columns("bearing-field", 2, seed=3, **world)):
+            flags = solve(batch, AssignmentOptions()).flags
+            assert flags is not None
+            assert set(flags.columns) == {"los", "target", "residual_rad", "residual_elevation_rad"}
+            for name in ("residual_rad", "residual_elevation_rad"):
+                assert (np.isfinite(flags.columns[name]) == flags.columns["los"]).all()
+
+
 def test_few_sensors_have_no_target() -> None:
     """One or two sensors, whose rays always cross, and a least number of sensors that is not there: no_target."""
     for sensors, options in ((1, {}), (2, {}), (6, {"min_sensors": 7})):

@@ -152,7 +152,7 @@ def _locate(dense: BearingBatch, center: Point, sources: Sources, members: IntAr
 def _flags(table: SensorRows, sources: Sources, parts: list[_Located]) -> Flags:
     """Return the flags, in the order of the batch as it was."""
     shape = table.order.shape
-    names = {"residual_rad"} | {name for part in parts for name in part.columns if name.startswith("residual")}
+    names = {"residual_rad"} | ({"residual_elevation_rad"} if table.batch.dimension == 3 else set())
     numbers = {name: np.full(shape, np.nan) for name in ("target", *sorted(names))}
     for part in parts:
         snapshot = sources.snapshot[part.members][:, None]
