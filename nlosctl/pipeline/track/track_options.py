@@ -49,7 +49,7 @@ class TrackOptions:
     """``density`` is q in m2/s3, None: estimated; a gap longer than ``gap_s`` begins a new track.
 
     ``causal``: each state given the rows until then, else given all rows. ``association`` is how targets are assigned
-    to tracks, None where columns tell them apart.
+    to tracks, None where columns separate them.
     """
 
     density: float | None
