@@ -202,7 +202,7 @@ TARGETS = "snapshot,target,time_s,x_m,y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2,status"
 
 
 def test_targets_of_snapshots_become_tracks(cli: Cli, tmp_path: Path) -> None:
-    """With ``--associate`` targets numbered anew in each snapshot are one track each; a row without one has none."""
+    """With ``--associate`` targets numbered snapshot by snapshot are one track each; a row without one has none."""
     rng = np.random.default_rng(3)
     lines = []
     for second in range(20):

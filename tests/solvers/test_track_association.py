@@ -51,7 +51,7 @@ def test_an_assignment_is_the_best_of_all() -> None:
         assert track[4:].tolist() == list(best)
 
 
-def test_crossing_targets_are_told_apart_by_their_velocities() -> None:
+def test_crossing_targets_are_distinguished_by_their_velocities() -> None:
     """Two targets that pass through one point at one time continue straight on."""
     scan = np.repeat(np.arange(21), 2)
     along = 10.0 * (np.arange(21) - 10.0)
