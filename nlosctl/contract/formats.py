@@ -168,7 +168,7 @@ class Shapes:
 
     ``columns`` has all of their columns as Python values, ``feature`` names what they are. ``parts`` has for each row
     its lines, or rings if ``closed``, as points (P, 2) like those of `Places`: several where the 180th meridian cuts
-    one, none where a value is missing.
+    one, none where a value is missing. A clockwise ring is a hole of the counter-clockwise one before it.
     """
 
     columns: Mapping[str, Sequence[Any]]

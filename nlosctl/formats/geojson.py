@@ -13,6 +13,7 @@ from nlosctl.contract.formats import ExporterSpec, Places, Shapes
 from nlosctl.contract.options import option
 from nlosctl.formats.map_options import LineOptions
 from nlosctl.formats.track_lines import TrackLines
+from nlosctl.geometry.antimeridian import rings_by_polygon
 
 __all__ = ["FORMAT"]
 
@@ -42,7 +43,7 @@ class _Writer:
         for row, parts in enumerate(shapes.parts):
             properties = {name: _value(values[row]) for name, values in shapes.columns.items()}
             properties = {"feature": shapes.feature, **properties}
-            geometry = _polygons(parts) if shapes.closed else _lines(parts)
+            geometry = _areas(parts) if shapes.closed else _lines(parts)
             self._put({"type": "Feature", "geometry": geometry, "properties": properties})
 
     def _put(self, feature: dict[str, Any]) -> None:
@@ -76,6 +77,13 @@ def _polygons(rings: Sequence[FloatArray]) -> dict[str, Any] | None:
     return {"type": "MultiPolygon", "coordinates": [[ring.tolist()] for ring in rings]}
 
 
+def _areas(rings: Sequence[FloatArray]) -> dict[str, Any] | None:
+    polygons = [[ring.tolist() for ring in polygon] for polygon in rings_by_polygon(rings)]
+    if len(polygons) < 2:
+        return {"type": "Polygon", "coordinates": polygons[0]} if polygons else None
+    return {"type": "MultiPolygon", "coordinates": polygons}
+
+
 def _lines(lines: Sequence[FloatArray]) -> dict[str, Any] | None:
     if len(lines) < 2:
         return {"type": "LineString", "coordinates": lines[0].tolist()} if lines else None
@@ -90,7 +98,7 @@ def _value(value: Any) -> Any:
 
 FORMAT = ExporterSpec(
     name="geojson",
-    summary="GeoJSON: points and ellipses, lines of bearing, cells of the bound",
+    summary="GeoJSON: points and ellipses, lines of bearing, cells of the bound, regions of a posterior",
     reference="RFC 7946, The GeoJSON Format",
     options=GeoJsonOptions,
     start=_Writer,

@@ -14,6 +14,7 @@ from nlosctl.arrays import FloatArray
 from nlosctl.contract.formats import ExporterSpec, Places, Shapes
 from nlosctl.formats.map_options import LineOptions, known_values, title
 from nlosctl.formats.track_lines import TrackLine, TrackLines, are_states, iso_time
+from nlosctl.geometry.antimeridian import rings_by_polygon
 
 __all__ = ["FORMAT"]
 
@@ -42,7 +43,7 @@ class _Writer:
 
     def write_shapes(self, shapes: Shapes) -> None:
         for row, parts in enumerate(shapes.parts):
-            shown = [_polygon(part) if shapes.closed else _line(part) for part in parts]
+            shown = [_polygon(*part) for part in rings_by_polygon(parts)] if shapes.closed else list(map(_line, parts))
             self._sink.write(_described(known_values(shapes, row), shown).encode("utf-8"))
 
     def close(self) -> None:
@@ -63,9 +64,10 @@ def _placemark(places: Places, row: int) -> str:
     return _described(known_values(places, row), geometries, when=when)
 
 
-def _polygon(ring: FloatArray) -> str:
+def _polygon(ring: FloatArray, *holes: FloatArray) -> str:
     boundary = f"<outerBoundaryIs><LinearRing>{_coordinates(ring)}</LinearRing></outerBoundaryIs>"
-    return f"<Polygon>{boundary}</Polygon>"
+    inner = (f"<innerBoundaryIs><LinearRing>{_coordinates(hole)}</LinearRing></innerBoundaryIs>" for hole in holes)
+    return f"<Polygon>{boundary}{''.join(inner)}</Polygon>"
 
 
 def _line(line: FloatArray) -> str:

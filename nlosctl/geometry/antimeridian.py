@@ -2,19 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from nlosctl.arrays import BoolArray, FloatArray
 
-__all__ = ["crosses_antimeridian", "cut_line", "cut_ring"]
+__all__ = ["crosses_antimeridian", "cut_line", "cut_ring", "ring_area", "rings_by_polygon"]
 
 
 def crosses_antimeridian(path: FloatArray) -> BoolArray:
     """Return which paths (N, P, 2) of longitudes and latitudes cross the 180th meridian; a NaN crosses nothing."""
     with np.errstate(invalid="ignore"):
         return np.asarray((np.abs(np.diff(path[..., 0], axis=-1)) > 180.0).any(axis=-1))
+
+
+def ring_area(ring: FloatArray) -> float:
+    """Return the area of a closed ring (V, 2), negative if it is clockwise."""
+    x, y = ring.T
+    return float(0.5 * np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
+
+
+def rings_by_polygon(rings: Sequence[FloatArray]) -> list[list[FloatArray]]:
+    """Return rings by polygon: each clockwise ring is a hole of the counter-clockwise one before it."""
+    groups: list[list[FloatArray]] = []
+    for ring in rings:
+        if groups and ring_area(ring) < 0.0:
+            groups[-1].append(ring)
+        else:
+            groups.append([ring])
+    return groups
 
 
 def cut_ring(ring: FloatArray) -> list[FloatArray]:

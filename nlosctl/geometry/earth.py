@@ -47,7 +47,7 @@ class EarthPlane:
         )
         if crs is not None:
             projected = _checked_crs(pyproj, crs)
-        self._turn_rad = float(np.radians(rotation_deg))
+        self._turn_rad, self._projected = float(np.radians(rotation_deg)), pyproj.CRS.from_user_input(projected)
         self._meridian_deg = 0.0
         self._datum_turn_rad = 0.0
         if crs is None:
@@ -62,6 +62,10 @@ class EarthPlane:
         turned = self._checked_north(projected, crs)
         if abs(turned) > _TURN_OF_DATUM_RAD:
             self._datum_turn_rad = turned
+
+    def wkt(self) -> str | None:
+        """Return the coordinate reference system as text of ESRI's kind; None for a turned plane, which has none."""
+        return None if self._turn_rad else str(self._projected.to_wkt("WKT1_ESRI"))
 
     def to_plane(self, lat_deg: FloatArray, lon_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return x and y (N,) in metres; NaN where a coordinate is NaN or outside the plane."""

@@ -180,6 +180,10 @@ def open_output(
     If the extension or the format names an exporter of maps, it receives the table, which must be of estimates.
     """
     common: dict[str, Any] = {"overwrite": write.overwrite, "inputs": inputs, "metadata": metadata or {}}
+    if write.format is None and target.lower().endswith(".asc") and "hpd" in schema.names:
+        from nlosctl.pipeline.convert.grid_file import GridFile
+
+        return GridFile(target, schema.names, **common)
     if write.format is not None or known_format_of_path(target) is None:
         from nlosctl.pipeline.convert.map_writer import MapWriter, exporter_of, map_extensions
 

@@ -61,6 +61,12 @@ VIEWS: dict[str, View] = {
             uses=("y", "linear"),
         ),
         View(
+            name="posterior",
+            shows="probability of the position over the plane, with the regions of 50, 90 and 95 %",
+            takes="a map of 'posterior'; optionally the measurements, for their sensors",
+            uses=("snapshot",),
+        ),
+        View(
             name="echoes",
             shows="one snapshot of ranges as circles about their sensors, or of bearings as rays, by assigned target",
             takes="flags of identify-los, with or without its estimates",

@@ -21,13 +21,14 @@ __all__ = [
     "draw_ellipses",
     "draw_reflectors",
     "draw_sensors",
+    "draw_sensors_of_map",
     "finish_map",
     "legend_once",
     "scene_sensors",
     "set_map_limits",
 ]
 
-_MARGIN = 0.08
+_MARGIN, _MAP_MARGIN = 0.08, 0.04
 _FLATTEST = 0.45
 _MOST_NAMES = 15
 _MOST_SENSORS = 50
@@ -168,6 +169,25 @@ def draw_sensors(axes: Axes, names: Sequence[str], position_m: FloatArray, *, la
     size = 6.5 if len(names) <= _MOST_SENSORS else 3.0
     axes.plot(*position_m.T, linestyle="none", marker="^", markersize=size, color="black", label=label, zorder=4.0)
     annotate_points(axes, names, position_m)
+
+
+def draw_sensors_of_map(
+    axes: Axes,
+    names: Sequence[str],
+    sensors: FloatArray,
+    edges: tuple[FloatArray, FloatArray],
+    frame: EarthFrame | None,
+) -> None:
+    """Draw the sensors within a map (its cells' edges along x and y) or near it, and set the limits to show both."""
+    first, last = (np.array([edge[end] for edge in edges]) for end in (0, -1))
+    low, high = first, last
+    close = np.flatnonzero(((sensors >= 2.0 * low - high) & (sensors <= 2.0 * high - low)).all(axis=1))
+    if close.size:
+        draw_sensors(axes, [names[index] for index in close.tolist()], sensors[close])
+        low, high = np.minimum(low, sensors[close].min(axis=0)), np.maximum(high, sensors[close].max(axis=0))
+        beyond = np.where((low < first) | (high > last), _MAP_MARGIN * (high - low), 0.0)
+        low, high = low - beyond, high + beyond
+    set_map_limits(axes, low, high, frame)
 
 
 def annotate_points(axes: Axes, names: Sequence[str], position_m: FloatArray) -> None:

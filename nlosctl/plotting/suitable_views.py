@@ -31,6 +31,13 @@ def _views(files: Sequence[PlotInput], contents: set[str]) -> list[str]:
         return ["map"] if len(files) == 1 and "snapshot" not in names[0] else []
     if contents == {"bound", "measurements"} and len(files) == 2:
         return ["map"] if all(_belongs_to_a_map(file) for file in files) else []
+    if "posterior" in contents:
+        one_each = len(contents) == len(files) <= 2 and contents <= {"posterior", "measurements"}
+        return (
+            ["posterior"]
+            if one_each and all(file.kind != "triplets" or file.content == "posterior" for file in files)
+            else []
+        )
     if contents <= {"estimates", "bound"} and "estimates" in contents:
         has_truth = all(
             columns >= _TRUTH for columns, file in zip(names, files, strict=True) if file.content == "estimates"

@@ -22,7 +22,7 @@ from nlosctl.contract.calibration import Calibration
 from nlosctl.contract.random_streams import GOLDEN_RATIO
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
-from nlosctl.contract.tables import BOUND, ESTIMATES, FLAGS, SCORES, TRACE, result_table
+from nlosctl.contract.tables import BOUND, ESTIMATES, FLAGS, POSTERIOR, SCORES, TRACE, result_table
 from nlosctl.errors import DataError
 from nlosctl.io.measurements.column_mapping import kind_of_columns
 from nlosctl.io.measurements.reader import MeasurementReader
@@ -45,7 +45,7 @@ __all__ = [
 
 Columns = dict[str, npt.NDArray[Any]]
 
-_TABLES = {table.name: table for table in (SCORES, BOUND, ESTIMATES, FLAGS)}
+_TABLES = {table.name: table for table in (SCORES, BOUND, POSTERIOR, ESTIMATES, FLAGS)}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,9 +26,10 @@ from nlosctl.io.scenes.scene_file import SCENE_KEY, plane_of, scene_from_toml
 from nlosctl.io.writers.byte_output import ByteOutput, writing
 from nlosctl.io.writers.output_set import check_targets
 from nlosctl.pipeline.convert.map_shapes import bearing_lines, bound_cells, has_bearings, has_bound_cells
+from nlosctl.pipeline.convert.region_shapes import by_snapshot, has_posterior_cells, posterior_regions
 from nlosctl.pipeline.engine.writing import track_columns
 
-__all__ = ["MapWriter", "exporter_of", "map_extensions"]
+__all__ = ["MapWriter", "exporter_of", "frame_of", "map_extensions"]
 
 
 _ESTIMATED = ("x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2")
@@ -71,10 +72,12 @@ class MapWriter:
         self._spec, self.rows = spec, 0
         self._options = parse_options(spec.options, parameters, f"exporter {spec.name!r}")
         self._output = ByteOutput(target, overwrite=overwrite)
-        self._frame = frame or _frame_of(metadata or {})
+        self._frame = frame or frame_of(metadata or {})
         self._track = track_columns(metadata or {})
         self._writer: PlacesWriter | None = None
         self._map: list[Any] = []
+        self._regions: list[Any] = []
+        self._regions_of: Any = None
         self._completed = False
         check_targets([target], overwrite=overwrite, inputs=inputs)
 
@@ -97,6 +100,12 @@ class MapWriter:
         self.rows += table.num_rows
         if has_bound_cells(table.column_names):
             self._map.append(table)  # the spacing of the grid follows from the complete map
+        elif has_posterior_cells(table.column_names):
+            for snapshot, cells in by_snapshot(table):
+                if snapshot != self._regions_of:
+                    self._write_regions()
+                self._regions_of = snapshot
+                self._regions.append(cells)
         elif has_bearings(table.column_names):
             columns = {name: table.column(name).to_pylist() for name in table.column_names}
             length_m = float(getattr(self._options, "line_length_m", 0.0))
@@ -108,12 +117,10 @@ class MapWriter:
 
     def complete(self) -> None:
         """Write the end of the map; only the renaming to the final name is left."""
+        self._write_regions()
         if self._map:
             tables, self._map = self._map, []
-            columns = {
-                name: [value for table in tables for value in table.column(name).to_pylist()]
-                for name in tables[0].column_names
-            }
+            columns = _columns(tables)
             metres = bool(getattr(self._options, "metres", False))
             self._write_shapes("a map", lambda: bound_cells(columns, self._numbers, self._planes, metres=metres))
         if not self._completed:
@@ -126,6 +133,15 @@ class MapWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._output.end(kind, self.complete)
+
+    def _write_regions(self) -> None:
+        """Write the regions of a complete map of the posterior."""
+        if self._regions:
+            tables, self._regions = self._regions, []
+            metres = bool(getattr(self._options, "metres", False))
+            columns, of = _columns(tables), self._regions_of
+            make = lambda: posterior_regions(columns, of, self._numbers, self._planes, metres=metres)  # noqa: E731
+            self._write_shapes("a map", make)
 
     def _write_shapes(self, contents: str, make: Callable[[], Shapes]) -> None:
         if not hasattr(self._started(), "write_shapes"):
@@ -229,6 +245,14 @@ class MapWriter:
             yield plane_of(parse_frame(str(frame), "column 'frame'")), rows
 
 
-def _frame_of(metadata: Mapping[str, str]) -> EarthFrame | None:
+def _columns(tables: Sequence[Any]) -> dict[str, list[Any]]:
+    """Return the columns of tables as lists."""
+    return {
+        name: [value for table in tables for value in table.column(name).to_pylist()] for name in tables[0].column_names
+    }
+
+
+def frame_of(metadata: Mapping[str, str]) -> EarthFrame | None:
+    """Return the frame of the scene in the metadata of a table, if there is one."""
     text = metadata.get(SCENE_KEY.decode())
     return None if text is None else scene_from_toml(text, "the scene in the table's metadata").frame

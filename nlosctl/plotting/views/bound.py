@@ -9,7 +9,7 @@ from nlosctl.errors import DataError, UsageError, did_you_mean
 from nlosctl.io.results.plot_inputs import read_sampled
 from nlosctl.plotting.figures import axis_label, figure_style
 from nlosctl.plotting.maps import draw_map, edges_of
-from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors, scene_sensors, set_map_limits
+from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors_of_map, scene_sensors
 from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.views.close_ups import map_size_in
 from nlosctl.plotting.views.measured_rows import first_measurements, sensor_positions
@@ -24,7 +24,6 @@ _QUANTITIES = {
     "n_used": "rows that see the position",
 }
 _LOG_FROM = 10.0
-_MARGIN = 0.04
 
 
 @figure_style()
@@ -52,15 +51,6 @@ def draw_bound_map(request: PlotRequest) -> Picture:
     draw_reflectors(axes, file.scene.reflectors)
     measured = first_measurements(request)
     names, sensors = scene_sensors(file.scene) if measured is None else sensor_positions(measured)
-    edges = edges_of(x), edges_of(y)
-    first, last = (np.array([edge[end] for edge in edges]) for end in (0, -1))
-    low, high = first, last
-    close = np.flatnonzero(((sensors >= 2.0 * low - high) & (sensors <= 2.0 * high - low)).all(axis=1))
-    if close.size:
-        draw_sensors(axes, [names[index] for index in close], sensors[close])
-        low, high = np.minimum(low, sensors[close].min(axis=0)), np.maximum(high, sensors[close].max(axis=0))
-        beyond = np.where((low < first) | (high > last), _MARGIN * (high - low), 0.0)
-        low, high = low - beyond, high + beyond
-    set_map_limits(axes, low, high, file.scene.frame)
+    draw_sensors_of_map(axes, names, sensors, (edges_of(x), edges_of(y)), file.scene.frame)
     notes = [] if np.isfinite(values).all() else ["white: no bound, because too few rows see the position"]
     return Picture(figure=figure, notes=notes)

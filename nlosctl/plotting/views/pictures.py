@@ -17,6 +17,7 @@ from nlosctl.plotting.views.detection import draw_detection_view
 from nlosctl.plotting.views.echoes import draw_echo_view
 from nlosctl.plotting.views.errors import draw_error_cdf, draw_sweep
 from nlosctl.plotting.views.estimates import draw_estimates_view
+from nlosctl.plotting.views.posterior import draw_posterior_map
 from nlosctl.plotting.views.space import draw_scene_view
 from nlosctl.plotting.views.triplets import draw_triplet_view
 
@@ -32,6 +33,7 @@ _DRAW: dict[str, Callable[[PlotRequest], Picture]] = {
     "sweep": draw_sweep,
     "roc": draw_detection_view,
     "map": draw_bound_map,
+    "posterior": draw_posterior_map,
     "echoes": draw_echo_view,
     "triplets": draw_triplet_view,
     "calibration": draw_calibration_view,
