@@ -270,6 +270,14 @@ def test_a_straight_road_does_not_do() -> None:
     assert np.abs(terms_of(held)).max() < 15.0
 
 
+def test_a_standing_array_does_not_do() -> None:
+    """One direction alone determines no harmonics, although a pseudo-inverse has standard deviations for them."""
+    table, _ = drive(1, seed=3)
+    standing = pa.concat_tables([table] * 30).append_column("path", pa.array(range(30)))
+    with pytest.raises(DataError, match="from too few directions relative to the heading"):
+        nlosctl.calibrate(one_snapshot(standing), harmonics=1, truth="columns")
+
+
 def test_a_narrow_view_is_named() -> None:
     """Bearings from a sector alone don't cover the directions: the summary states how many sectors they do."""
     table, direction = drive(600, seed=6)

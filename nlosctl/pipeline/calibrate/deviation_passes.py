@@ -80,9 +80,16 @@ def estimate_deviations(
         scale = estimate.scale[::size].tolist()
         known = {key: (tuple(own), factor) for key, own, factor in zip(estimate.arrays, terms, scale, strict=True)}
         sums = replace(sums, deviations=known)
-    if np.diag(estimate.solution.covariance).max() > _LARGEST_STD_RAD**2:
+    if not _is_determined(estimate, prior_std):
         raise DataError(_NOT_TOGETHER if sums.truth is None else _TOO_FEW_DIRECTIONS)
     return estimate
+
+
+def _is_determined(estimate: DeviationEstimate, prior_std: float | None) -> bool:
+    """Return whether the bearings, or a prior, determine all terms of the arrays that have some."""
+    lost = [index for part in estimate.solution.lost for index in part.offsets]
+    complete = prior_std is not None or not estimate.rows[lost].any()
+    return complete and bool(np.diag(estimate.solution.covariance).max() <= _LARGEST_STD_RAD**2)
 
 
 def _advanced(pooled: ExactSums, sums: DeviationSums, prior_std: float | None, count: int) -> DeviationEstimate:
