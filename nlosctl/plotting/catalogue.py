@@ -37,6 +37,12 @@ VIEWS: dict[str, View] = {
             uses=("by",),
         ),
         View(
+            name="tracks",
+            shows="paths with 95 % ellipses at intervals, coordinates over time with bands of 95 %",
+            takes="estimates of 'track'",
+            uses=("by",),
+        ),
+        View(
             name="cdf",
             shows="distribution of the position error, by method and sweep",
             takes="estimates with truth",

@@ -45,7 +45,10 @@ def _views(files: Sequence[PlotInput], contents: set[str]) -> list[str]:
         by_error = (["sweep"] if swept and has_truth else []) + (["cdf"] if has_truth else [])
         if "bound" in contents:
             return by_error[:1] if swept else []
-        return [*by_error[:1], "estimates", *by_error[1:], "scene"] if swept else ["estimates", *by_error, "scene"]
+        tracks = ["tracks"] if len(files) == 1 and {"time_s", "vx_m_s"} <= names[0] else []
+        if swept:
+            return [*by_error[:1], "estimates", *by_error[1:], "scene"]
+        return [*tracks, "estimates", *by_error, "scene"]
     if contents == {"flags"}:
         return _views_of_flags(files, names, swept)
     if contents <= {"measurements", "flags", "estimates"} and len(contents) <= 2:

@@ -76,6 +76,7 @@ def test_every_figure_is_shown() -> None:
 
 
 WITHOUT_PICTURE = {
+    "a-walk-indoors",
     "an-aircraft-and-its-altitude",
     "anchors-on-a-ceiling",
     "arrays-in-space",
@@ -84,14 +85,17 @@ WITHOUT_PICTURE = {
 }
 
 
-def test_there_are_nine_tutorials() -> None:
-    """Four with a picture, three in space (ceiling, arrays, one station), two of arrival times (meadow, aircraft)."""
+def test_there_are_thirteen_tutorials() -> None:
+    """Seven with a picture, three in space (ceiling, arrays, one station), two of arrival times, one of a walk."""
     names = [Path(name).stem for name in TUTORIALS]
     assert sorted({*names} - WITHOUT_PICTURE) == [
+        "anchors-with-offsets",
         "channel-sounder",
         "direction-finding",
         "indoor-uwb",
         "over-the-horizon",
+        "three-transmitters",
+        "twisted-array",
     ]
     assert set(names) >= WITHOUT_PICTURE
     assert {Path(name).stem for name in TUTORIALS if not made_on(name)} == WITHOUT_PICTURE

@@ -44,6 +44,9 @@ def made(name: str) -> pa.Table:
         return nlosctl.simulate("ring", trials=60, sweep=SWEEP)
     if name == "paths":
         return nlosctl.simulate("shen", trials=80)
+    if name == "track":
+        walks = nlosctl.simulate("walk", trials=60, states=30)
+        return nlosctl.track(walks, by="walk", acceleration_psd=0.05).estimates
     if name == "echoes":
         return nlosctl.simulate("liang", trials=3)
     if name.startswith("fixes of "):
@@ -119,6 +122,7 @@ CASES = [
     (["horizon", "fixes of horizon"], "scene"),
     (["flags in walls", "fixes in walls"], "scene"),
     (["fixes of bearings"], "estimates"),
+    (["track"], "tracks"),
     (["fixes of swept"], "sweep"),
     (["fixes of swept", "bounds"], "sweep"),
     (["flags of paths"], "roc"),
@@ -414,3 +418,26 @@ def test_positions_that_are_no_fix_are_crosses(tmp_path: Path) -> None:
     ]
     with pytest.raises(DataError, match="no estimate is a fix"):
         picture(opened, "estimates")
+
+
+def test_bands_of_a_track_are_those_of_its_covariances(files: Any) -> None:
+    """Each track has a band per coordinate of 1.96 standard deviations to either side, and 12 ellipses."""
+    opened = files("track")
+    figure = picture(opened, by="walk").figure
+    path, x, y = shown(figure)
+    assert len(ellipses(path)) == 2 * 12
+    assert len(legend_words(path)) == 2
+    for axes, axis in ((x, "x"), (y, "y")):
+        bands = axes.collections
+        assert len(bands) == 2
+        rows = made("track").to_pylist()
+        mine = [row for row in rows if row["walk"] == rows[0]["walk"]]
+        first = min(mine, key=lambda row: row["time_s"])
+        half = 1.959964 * np.sqrt(first[f"cov_{axis}{axis}_m2"])
+        ends = bands[0].get_paths()[0].vertices
+        assert {round(float(value), 6) for value in ends[ends[:, 0] == 0.0, 1]} >= {
+            round(first[f"{axis}_m"] - half, 6),
+            round(first[f"{axis}_m"] + half, 6),
+        }
+    with pytest.raises(UsageError, match="no column 'tag'"):
+        picture(opened, by="tag")

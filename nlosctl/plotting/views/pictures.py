@@ -19,6 +19,7 @@ from nlosctl.plotting.views.errors import draw_error_cdf, draw_sweep
 from nlosctl.plotting.views.estimates import draw_estimates_view
 from nlosctl.plotting.views.posterior import draw_posterior_map
 from nlosctl.plotting.views.space import draw_scene_view
+from nlosctl.plotting.views.tracks import draw_tracks_view
 from nlosctl.plotting.views.triplets import draw_triplet_view
 
 __all__ = ["choose_view", "draw_picture"]
@@ -29,6 +30,7 @@ _LONGEST_NOTE = 400
 _DRAW: dict[str, Callable[[PlotRequest], Picture]] = {
     "scene": draw_scene_view,
     "estimates": draw_estimates_view,
+    "tracks": draw_tracks_view,
     "cdf": draw_error_cdf,
     "sweep": draw_sweep,
     "roc": draw_detection_view,
