@@ -107,7 +107,7 @@ class InputOptions:
         None, "--window", "Input", "Snapshots from times: a width such as 2s or 500ms, auto or all.",
         _MEASUREMENTS, metavar="WIDTH")
     by: Sequence[str] = option(
-        (), "--by", "Input", "Separate windows for each value of a column, such as a tag. Repeatable.",
+        (), "--by", "Input", "Treat each value of a column separately, such as a tag or session. Repeatable.",
         _MEASUREMENTS, metavar="NAME")
     window_keep: str = option(
         "all", "--window-keep", "Input", "Rows of a sensor in a window: all, nearest or mean.",

@@ -59,7 +59,7 @@ def evaluate(
             "--by",
             metavar="NAME",
             rich_help_panel="Method",
-            help="Figures for each value of a column, such as sensor. Repeatable.",
+            help="Treat each value of a column separately, such as a tag or session. Repeatable.",
         ),
     ] = [],  # noqa: B006 - typer copies it
     fail_if: FailIf = [],  # noqa: B006 - typer copies it
