@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,9 @@ from nlosctl.contract.tables import TABLES
 from nlosctl.errors import DataError
 from nlosctl.io.scenes.scene_file import SCENE_KEY, find_scene, scene_from_toml, scene_to_toml
 from nlosctl.io.schemas import schema_text, write_schemas
+
+_NUMBER = re.compile(r"(\d+\.\d+(?:e[+-]?\d+)?)")
+"""Numbers with a decimal point, without their sign."""
 
 ROOT = FIXTURES.parent
 NUMBERS = st.floats(-1e15, 1e15)
@@ -123,7 +127,10 @@ def test_frictionless_validates_by_the_schema(name: str, valid: bool) -> None:
 
 @pytest.mark.parametrize("builder", sorted((FIXTURES / "builders").glob("build_*.py")), ids=lambda path: path.stem)
 def test_fixtures_are_what_the_builder_makes(builder: Path, tmp_path: Path) -> None:
-    """Building the fixtures again gives the same files."""
+    """Building the fixtures again gives the same files, numbers up to the last digits.
+
+    Those depend on the vector instructions of the processor, which numpy uses for sines.
+    """
     spec = importlib.util.spec_from_file_location(builder.stem, builder)
     assert spec is not None
     assert spec.loader is not None
@@ -133,4 +140,7 @@ def test_fixtures_are_what_the_builder_makes(builder: Path, tmp_path: Path) -> N
     assert list(tmp_path.rglob("*.csv")) != []
     for path in tmp_path.rglob("*"):
         if path.suffix in (".csv", ".toml", ".jsonl", ".xml", ".log"):
-            assert path.read_bytes() == (FIXTURES / path.relative_to(tmp_path)).read_bytes(), path.name
+            stored = FIXTURES / path.relative_to(tmp_path)
+            built, kept = (_NUMBER.split(file.read_text(encoding="latin-1")) for file in (path, stored))
+            assert built[::2] == kept[::2], path.name
+            assert list(map(float, built[1::2])) == pytest.approx(list(map(float, kept[1::2])), rel=1e-12), path.name
