@@ -78,7 +78,11 @@ def test_the_first_filtered_state_has_no_velocity(cli: Cli, tmp_path: Path) -> N
     ("words", "code", "message"),
     [
         ([], 2, "--param acceleration_psd or --estimate-acceleration is needed"),
-        (["-p", "acceleration_psd=0"], 2, "motion=velocity. Got 0 instead."),
+        (
+            ["-p", "acceleration_psd=0"],
+            2,
+            "larger than 0 (m2/s3); a small one is nearly a constant velocity. Got 0 instead.",
+        ),
         (["-p", "acceleration_psd=-1"], 2, "larger than 0 (m2/s3)"),
         (["-p", "acceleration_psd=1", "--estimate-acceleration"], 2, "both set it; give one"),
         (["-p", "acceleration_psd=1", "-p", "alpha=0.1"], 2, "a track through estimates has no method"),

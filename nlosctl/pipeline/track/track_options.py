@@ -90,8 +90,8 @@ def track_options(
         )
     if density is not None and not 0.0 < density < math.inf:
         raise UsageError(
-            f"`parameters` {DENSITY} must be a finite number larger than 0 (m2/s3); 0, a constant velocity, is the "
-            f"parameter motion=velocity. Got {density:g} instead."
+            f"`parameters` {DENSITY} must be a finite number larger than 0 (m2/s3); a small one is nearly a "
+            f"constant velocity. Got {density:g} instead."
         )
     gap_s = math.inf
     if gap is not None:
