@@ -25,6 +25,8 @@ _FEWEST_PLACES = 10
 _MOST_NAMES = 10
 _DIRECTIONS = "; a deviation that depends on the direction may be (`harmonics`)"
 
+_OUTLIERS = "; if some rows are outliers, set `method` to mixture-ml"
+
 _BAD_FIT = 3.0
 """Residuals this many times as large as the stated standard deviations are not those of an offset."""
 
@@ -207,6 +209,7 @@ class CalibrationReport:
             lines.append(
                 f"residuals remain several times as large as the stated standard deviations: {_listed(bad, ', ')}; "
                 f"offsets are not the cause{_DIRECTIONS if self._has_headings() else ''}"
+                f"{'' if 'mixture-ml' in self.method else _OUTLIERS}"
             )
         if not estimate.settled:
             lines.append(f"the offsets had not settled after {MOST_PASSES} passes: they may be inaccurate")
