@@ -5,14 +5,13 @@ Viewers read a description as HTML: text is escaped once for HTML, and the HTML 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import IO, Any
 from xml.sax.saxutils import escape
 
 from nlosctl.arrays import FloatArray
 from nlosctl.contract.formats import ExporterSpec, Places, Shapes
-from nlosctl.formats.map_options import LineOptions, known_values, title
+from nlosctl.formats.map_options import LineOptions, known_values, title, xml_text
 from nlosctl.formats.track_lines import TrackLine, TrackLines, are_states, iso_time
 from nlosctl.geometry.antimeridian import rings_by_polygon
 
@@ -25,8 +24,6 @@ _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <Style id="ellipse"><LineStyle><color>ff0055ff</color><width>2</width></LineStyle><PolyStyle><color>330055ff</color>\
 </PolyStyle></Style>
 """
-_NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-
 
 _EXACT = 2**53
 
@@ -93,7 +90,7 @@ def _described(values: Mapping[str, Any], geometries: Sequence[str], name: str =
     geometry = f"<MultiGeometry>{''.join(geometries)}</MultiGeometry>" if geometries else ""
     style = "<styleUrl>#ellipse</styleUrl>"
     return (
-        f"<Placemark><name>{_text(name)}</name><description>{_text(description)}</description>{when}{style}{geometry}"
+        f"<Placemark><name>{xml_text(name)}</name><description>{xml_text(description)}</description>{when}{style}{geometry}"
         f"</Placemark>\n"
     )
 
@@ -103,10 +100,6 @@ def _shown(value: Any) -> str:
     if not isinstance(value, float):
         return str(value)
     return str(int(value)) if value.is_integer() and abs(value) < _EXACT else repr(value)
-
-
-def _text(text: str) -> str:
-    return escape(_NOT_XML.sub("\ufffd", text))
 
 
 FORMAT = ExporterSpec(

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
+from xml.sax.saxutils import escape
 
 from nlosctl.contract.formats import Places, Shapes
 from nlosctl.contract.options import option
 
-__all__ = ["LineOptions", "MapOptions", "known_values", "title"]
+__all__ = ["LineOptions", "MapOptions", "known_values", "title", "xml_text"]
+
+_NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,3 +48,8 @@ def known_values(places: Places | Shapes, row: int) -> dict[str, Any]:
 def title(values: Mapping[str, Any]) -> str:
     """Return the title of an estimate, its snapshot and method, or of a bearing, its snapshot and sensor."""
     return " ".join(str(values[key]) for key in ("snapshot", "method", "sensor") if key in values)
+
+
+def xml_text(text: str) -> str:
+    """Return text as XML, characters that XML can't state replaced."""
+    return escape(_NOT_XML.sub("\ufffd", text))

@@ -105,6 +105,30 @@ def test_kml_by_gdal(tmp_path: Path) -> None:
     assert ElementTree.parse(path).getroot().tag == "{http://www.opengis.net/kml/2.2}kml"  # noqa: S314 - our own file
 
 
+def test_gpx_by_gdal(tmp_path: Path) -> None:
+    """GDAL reads a waypoint per fix and a track per path, with its times; estimates without a position are left out."""
+    fixes = geopandas.read_file(export(tmp_path, "gpx", estimates()), layer="waypoints")
+    assert GEOD.inv(fixes.geometry[0].x, fixes.geometry[0].y, 8.58, 47.36)[2] < 1e-3
+    assert fixes["name"].tolist() == ['a<b> & \ufffd "c" ml', "1 ml"]
+    assert "status: boundary" in fixes["desc"][1]
+    (tmp_path / "s.csv").write_text(STATES)
+    words = ("--by", "tag", "-p", "acceleration_psd=1", "-q", "-o", "t.parquet")
+    assert run_here("track", "s.csv", *words, folder=tmp_path).returncode == 0
+    done = run_here("convert", "t.parquet", "--origin", "48,180", "-q", "-o", "t.gpx", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    points = geopandas.read_file(tmp_path / "t.gpx", layer="track_points")
+    assert [str(time) for time in points["time"]][:2] == [
+        "2023-11-14 22:13:20.500000+00:00",
+        "2023-11-14 22:13:22+00:00",
+    ]
+    assert points["track_fid"].tolist() == [0, 0, 1, 1]
+    assert (points.geometry.x < 180.0).all()
+    assert geopandas.read_file(tmp_path / "t.gpx", layer="tracks")["name"].tolist() == [
+        "track tag=a method=track",
+        "track tag=b method=track",
+    ]
+
+
 def test_kml_descriptions_are_html_of_the_values(tmp_path: Path) -> None:
     """A viewer that reads the description as HTML shows each value on a line of its own, markup as text, in full."""
     table = estimates().append_column("note", pa.array(["SNR<3 <img src=x>", "", None]))
@@ -209,7 +233,7 @@ def test_coverage_and_vertices_of_ellipses(tmp_path: Path) -> None:
     assert len(feature["geometry"]["coordinates"][0]) == 13
 
 
-@pytest.mark.parametrize("name", ["geojson", "kml", "czml", "geoparquet"])
+@pytest.mark.parametrize("name", ["geojson", "kml", "czml", "gpx", "geoparquet"])
 def test_empty_tables_give_valid_maps(tmp_path: Path, name: str) -> None:
     """An empty table gives an empty, readable map, and several tables the same as one."""
     path = tmp_path / f"none.{name}"
@@ -219,7 +243,7 @@ def test_empty_tables_give_valid_maps(tmp_path: Path, name: str) -> None:
         assert json.loads(path.read_text())["features"] == []
     elif name == "czml":
         assert len(json.loads(path.read_text())) == 1
-    elif name == "kml":
+    elif name in ("kml", "gpx"):
         ElementTree.parse(path)  # noqa: S314 - our own file
     else:
         assert len(geopandas.read_parquet(path)) == 0
