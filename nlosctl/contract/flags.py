@@ -26,7 +26,7 @@ _STD_UNITS = {
     "ns": ("nanoseconds", LIGHT_M_S * 1e-9),
 }
 
-_CONSTANT = "localize calibrate track validate plot convert describe"
+_CONSTANT = "localize calibrate track posterior validate plot convert describe"
 _OF_DIRECTIONS = f"identify-los bound {_CONSTANT}"
 
 
@@ -122,10 +122,10 @@ STD_FLAGS = (
     _std_flag("--bearing-std-deg", "bearing_std_rad", "bearing", _OF_DIRECTIONS),
     _std_flag("--elevation-std-deg", "elevation_std_rad", "elevation", _OF_DIRECTIONS),
     _std_flag("--direction-std-deg", "direction_std_rad", "direction, across the ray,", _OF_DIRECTIONS),
-    _std_flag("--range-std-m", "range_std_m", "range", f"identify-los bound posterior {_CONSTANT}"),
-    _std_flag("--arrival-std-m", "arrival_std_m", "arrival", f"bound posterior {_CONSTANT}"),
-    _std_flag("--arrival-std-s", "arrival_std_s", "arrival", f"bound posterior {_CONSTANT}"),
-    _std_flag("--arrival-std-ns", "arrival_std_s", "arrival", f"bound posterior {_CONSTANT}"),
+    _std_flag("--range-std-m", "range_std_m", "range", _OF_DIRECTIONS),
+    _std_flag("--arrival-std-m", "arrival_std_m", "arrival", f"bound {_CONSTANT}"),
+    _std_flag("--arrival-std-s", "arrival_std_s", "arrival", f"bound {_CONSTANT}"),
+    _std_flag("--arrival-std-ns", "arrival_std_s", "arrival", f"bound {_CONSTANT}"),
     _std_flag("--dod-std-deg", "dod_std_rad", "departure direction", f"detect-ip {_CONSTANT}"),
     _std_flag("--doa-std-deg", "doa_std_rad", "arrival direction", f"detect-ip {_CONSTANT}"),
     _std_flag("--dod-elevation-std-deg", "dod_elevation_std_rad", "departure elevation", f"detect-ip {_CONSTANT}"),
