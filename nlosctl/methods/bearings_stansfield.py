@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from nlosctl.arrays import FloatArray
 from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
+from nlosctl.geometry.blocks import max_measurements
 from nlosctl.models.sight import Sight, linear_lines
 from nlosctl.solvers.bearings.fix_status import finish_bearings_fix
 from nlosctl.solvers.bearings.line_fits import (
@@ -31,6 +34,10 @@ class StansfieldOptions:
     min_range_m: float = option(
         0.0, unit="m", minimum=0.0, meaning="a fix closer than this to a sensor that it uses is degenerate"
     )
+
+
+_LEAST_WIDTH = 1e-7
+"""Least width of a line, in units of the largest."""
 
 
 def solve(batch: BearingBatch, options: StansfieldOptions) -> Solution:
@@ -69,11 +76,16 @@ def _solve(batch: BearingBatch, options: StansfieldOptions, *, focused: bool) ->
 
 
 def _weighted(batch: BearingBatch, *, focused: bool) -> tuple[Sight, LineFit, FloatArray]:
-    """Return the lines, their least-squares fix, and their widths (B, M) there."""
+    """Return the lines, their least-squares fix, and their widths (B, M) there.
+
+    A width that vanishes, as at a sensor, has a lower limit: its line's weight would make the equations singular.
+    """
     lines = linear_lines(batch)
     first = fit_least_squares(lines)
     lines = with_independent_errors(lines, first)
-    return lines, first, (lines.tube_width_m if focused else lines.stansfield_width_m)(*first.point)
+    width_m = (lines.tube_width_m if focused else lines.stansfield_width_m)(*first.point)
+    least_m = _LEAST_WIDTH * max_measurements(width_m)[:, None]
+    return lines, first, np.where(np.abs(width_m) < least_m, least_m, width_m)
 
 
 def _line_rows(batch: BearingBatch, options: StansfieldOptions) -> WeightedLines | None:
