@@ -58,7 +58,7 @@ def test_columns_are_valid_measurements(name):
     names = [column.name for column in table.all_columns]
     standard = [column for column in columns if column not in spec.further]
     assert {column.name for column in table.required} <= set(standard) <= set(names)
-    assert [column for column in names if column in columns] == standard
+    assert [column for column in names if column in standard] == standard
     assert len({len(values) for values in columns.values()}) == 1
     for values in columns.values():
         if values.dtype == np.float64:
