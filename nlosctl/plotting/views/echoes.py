@@ -1,6 +1,7 @@
-"""Ranges of one snapshot as circles about their sensors, styled by the target that ``identify-los`` assigned.
+"""Unlabelled rows of one snapshot, styled by the target that ``identify-los`` assigned.
 
-In space plan and elevation have the circles in which each sphere meets the plane through its target.
+Ranges are circles about their sensors, bearings the rays of `sources`. In space plan and elevation have the circles in
+which each sphere meets the plane through its target.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from nlosctl.plotting.views.snapshot_rows import (
     estimate_rows_of,
     positions_of,
 )
-from nlosctl.plotting.views.sources import draw_source_view
+from nlosctl.plotting.views.sources import draw_source_rays
 from nlosctl.plotting.views.two_views import across, coordinates, draw_plan_and_elevation, seen_reflectors
 
 __all__ = ["draw_echo_view"]
@@ -46,8 +47,6 @@ def draw_echo_view(request: PlotRequest) -> Picture:
     """Draw the circles (of bearings the rays), the estimated targets with their ellipses, if any, and the truth."""
     measured = first_measurements(request)
     assert measured is not None  # noqa: S101 - only such files have this view
-    if measured.kind == "bearings":
-        return draw_source_view(request, measured)
     _, estimates = estimate_rows_of(request.of("estimates"), measured.id)
     scene, title = measured.scene, f"Snapshot {measured.id}"
     curved = scene.frame is not None and scene.frame.on_ellipsoid
@@ -61,6 +60,8 @@ def draw_echo_view(request: PlotRequest) -> Picture:
         notes = draw_estimates_of_snapshot(axes, estimates, extent, seen)
         draw_reflectors(axes, seen_reflectors(scene.reflectors, seen) if in_space else scene.reflectors)
         draw_sensors(axes, names, sensors[:, coordinates(seen)])
+        if measured.kind == "bearings":
+            return extent, Extent(), notes + draw_source_rays(axes, measured, sensors, extent, seen, in_space=in_space)
         if in_space:
             radii, more = _section_radii(measured, estimates, seen, request.target_z_m)
             draw_row = partial(_draw_section, axes, row_positions(measured, "sensor", 3)[:, coordinates(seen)])
