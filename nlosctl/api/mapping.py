@@ -48,7 +48,7 @@ def posterior(
     heights: dict[str, Any] = {"target_z_m": target_z_m, "target_z_std_m": target_z_std_m}
     options = SolveOptions(method=(method,), parameters=parameters, field=parse_field(field), **heights)
     name = None if snapshot is None else str(snapshot)
-    maps = posterior_job.map_options(snapshot=name, all=all, combine=combine, cell=cell, max_cells=max_cells)
+    maps = posterior_job.posterior_options(snapshot=name, all=all, combine=combine, cell=cell, max_cells=max_cells)
     cells = TableSink()
     destination = Destination(sinks={"posterior": cells.start})
     posterior_job.posterior(inputs_of(table), maps, read, options, OutputOptions(), destination)

@@ -15,14 +15,16 @@ from nlosctl.io.paths.inputs import Input
 from nlosctl.io.writers.output_set import is_folder_target
 from nlosctl.jobs.files import Destination, naming_importer, open_inputs, open_measurements
 from nlosctl.jobs.solve import Execution, input_passes, readable_again
-from nlosctl.pipeline.posterior.posterior_run import MapOptions, PosteriorRun
+from nlosctl.pipeline.posterior.posterior_run import PosteriorOptions, PosteriorRun
 from nlosctl.pipeline.solve.method_runs import MethodRun, leaves_options_open, method_runs
 from nlosctl.solvers.sequential.priors import PRIOR_NAMES, PriorOptions, check_prior
 
-__all__ = ["map_options", "posterior"]
+__all__ = ["posterior", "posterior_options"]
 
 
-def map_options(*, snapshot: str | None, all: bool, combine: bool, cell: float | None, max_cells: int) -> MapOptions:
+def posterior_options(
+    *, snapshot: str | None, all: bool, combine: bool, cell: float | None, max_cells: int
+) -> PosteriorOptions:
     """Return the maps that are wanted; raises UsageError unless exactly one kind is."""
     if (snapshot is not None) + all + combine != 1:
         raise UsageError(
@@ -33,12 +35,12 @@ def map_options(*, snapshot: str | None, all: bool, combine: bool, cell: float |
     if max_cells < 1:
         raise UsageError(f"`max_cells` must be an int of at least 1. Got {max_cells} instead.")
     of: Literal["snapshot", "all", "combine"] = "all" if all else "combine" if combine else "snapshot"
-    return MapOptions(of=of, snapshot=snapshot, cell_m=cell, max_cells=max_cells)
+    return PosteriorOptions(of=of, snapshot=snapshot, cell_m=cell, max_cells=max_cells)
 
 
 def posterior(
     inputs: Sequence[str] | Sequence[Input],
-    maps: MapOptions,
+    maps: PosteriorOptions,
     read: InputOptions,
     options: SolveOptions,
     write: OutputOptions,

@@ -64,7 +64,7 @@ _JOBS = [
     WritingJob(command="bound", words=["bearings.parquet", "-o", "b.parquet"], outputs=["b.parquet"]),
     WritingJob(
         command="posterior",
-        words=["bearings.parquet", "--combine", "--cell", "20", "-o", "p.parquet"],
+        words=["bearings.parquet", "--all", "-o", "p.parquet"],
         outputs=["p.parquet"],
     ),
     WritingJob(command="validate", words=["corrupted.csv", "--bad-rows", "bad.csv"], outputs=["bad.csv"], code=1),

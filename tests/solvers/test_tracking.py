@@ -7,9 +7,9 @@ import pytest
 
 from nlosctl.solvers.tracking.acceleration import close_times
 from nlosctl.solvers.tracking.block_tridiagonal import BlockTridiagonal
-from nlosctl.solvers.tracking.fix_paths import FixPaths, track_fixes
 from nlosctl.solvers.tracking.motion import Motion
 from nlosctl.solvers.tracking.states import order_states
+from nlosctl.solvers.tracking.tracks_of_fixes import TracksOfFixes, track_fixes
 
 FloatArray = np.ndarray
 
@@ -80,7 +80,9 @@ def walk(axes: int, q: float, size: int, seed: int) -> tuple[FloatArray, FloatAr
     return time, truth + noise, covariance, has
 
 
-def solved(time: FloatArray, position: FloatArray, covariance: FloatArray, q: float, causal: bool = False) -> FixPaths:
+def solved(
+    time: FloatArray, position: FloatArray, covariance: FloatArray, q: float, causal: bool = False
+) -> TracksOfFixes:
     """One track through fixes."""
     key = np.zeros(time.shape, dtype=np.int64)
     return track_fixes(key, time, position, covariance, q, gap_s=np.inf, causal=causal)

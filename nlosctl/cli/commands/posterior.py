@@ -51,10 +51,10 @@ def posterior(
     interrupted.
     """
     from nlosctl.jobs.files import Destination
-    from nlosctl.jobs.posterior import map_options
     from nlosctl.jobs.posterior import posterior as make_maps
+    from nlosctl.jobs.posterior import posterior_options
 
-    maps = map_options(snapshot=snapshot, all=all, combine=combine, cell=cell, max_cells=max_cells)
+    maps = posterior_options(snapshot=snapshot, all=all, combine=combine, cell=cell, max_cells=max_cells)
     terminal = Terminal(quiet)
     with preview_sinks("posterior", write) as sinks:
         destination = Destination(

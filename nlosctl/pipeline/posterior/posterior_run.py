@@ -25,14 +25,14 @@ from nlosctl.pipeline.solve.method_runs import MethodRun
 from nlosctl.pipeline.solve.target_heights import height_settings, heights_remark, refuse_dimension, with_target_heights
 from nlosctl.solvers.sequential.priors import PriorOptions
 
-__all__ = ["MapOptions", "PosteriorReport", "PosteriorRun"]
+__all__ = ["PosteriorOptions", "PosteriorReport", "PosteriorRun"]
 
 _COARSE = 0.5
 """A cell with so much of the probability is too large to show the posterior."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class MapOptions:
+class PosteriorOptions:
     """Which maps are made: of one ``snapshot``, of all or of all combined, and their cells in metres."""
 
     of: Literal["snapshot", "all", "combine"]
@@ -101,7 +101,7 @@ class PosteriorRun:
         run: MethodRun,
         prior: PriorOptions,
         options: SolveOptions,
-        maps: MapOptions,
+        maps: PosteriorOptions,
         open_again: Callable[[], MeasurementReader],
     ) -> None:
         self.reader, self._run, self._prior, self._options, self._maps = reader, run, prior, options, maps

@@ -26,8 +26,8 @@ from nlosctl.pipeline.track.track_table import (
     track_estimates,
     with_tracks,
 )
-from nlosctl.solvers.tracking.association import AssociationRule, associate_fixes
-from nlosctl.solvers.tracking.fix_paths import FixPaths, track_fixes
+from nlosctl.solvers.tracking.assigned_fixes import AssociationRule, associate_fixes
+from nlosctl.solvers.tracking.tracks_of_fixes import TracksOfFixes, track_fixes
 
 __all__ = ["FixRun"]
 
@@ -90,7 +90,7 @@ class FixRun:
         lost = sum(int(np.count_nonzero(track < 0)) for track in self._tracks)
         self._note(paths, int(key.max()) + 1 - lost, lost)
 
-    def _paths(self) -> tuple[FixPaths, Any]:
+    def _paths(self) -> tuple[TracksOfFixes, Any]:
         keys, before = [], 0
         for table in self._tables:
             own = table.key if self._options.association is None else self._associated(table, self._options.association)
@@ -123,7 +123,7 @@ class FixRun:
         key[lost] = track.max(initial=-1) + 1 + np.arange(lost.size)
         return key
 
-    def _chunk(self, given: Input, table: FixTable, paths: FixPaths, mine: slice) -> ChunkTables:
+    def _chunk(self, given: Input, table: FixTable, paths: TracksOfFixes, mine: slice) -> ChunkTables:
         size = len(table.time_s)
         found = SnapshotStates.of(
             paths.states[mine],
@@ -166,7 +166,7 @@ class FixRun:
             )
         return ChunkTables(named={"estimates": self._layout.table(estimates, table.chunk(given.name))}, rows=size)
 
-    def _note(self, paths: FixPaths, tracks: int, alone: int = 0) -> None:
+    def _note(self, paths: TracksOfFixes, tracks: int, alone: int = 0) -> None:
         """Note the motion and the number of tracks; ``alone`` fixes are in none."""
         found, estimated = paths.density, self._options.density is None
         self.report.notes.append(density_note(found, estimated, tracks, paths.tracks - alone))

@@ -31,7 +31,7 @@ from nlosctl.pipeline.track.merged_fixes import with_merged_fixes
 from nlosctl.pipeline.track.state_flags import RowResults, row_results
 from nlosctl.pipeline.track.track_options import TrackOptions
 from nlosctl.pipeline.track.track_table import SnapshotStates, density_note, optional_columns, track_estimates
-from nlosctl.solvers.tracking.row_paths import RowPaths, SnapshotRows, TrackedRows, track_rows
+from nlosctl.solvers.tracking.tracks_of_rows import SnapshotRows, TrackedRows, TracksOfRows, track_rows
 
 __all__ = ["MeasuredRun"]
 
@@ -164,7 +164,7 @@ class MeasuredRun:
         self,
         one_each: Chunk,
         chunk: Chunk | None,
-        paths: RowPaths,
+        paths: TracksOfRows,
         results: RowResults,
         snapshots: MeasuredSnapshots,
         mine: slice,
@@ -236,7 +236,7 @@ class MeasuredRun:
         if reader.dimension == 3 and (self._options.target_z_m is not None or "target_z_m" in reader.column_names):
             raise UsageError("a track in three dimensions estimates the height: leave out target_z_m")
 
-    def _finish(self, paths: RowPaths) -> None:
+    def _finish(self, paths: TracksOfRows) -> None:
         read, report = self.reader.report, self.report
         report.rows, report.snapshots, report.rows_left_out = read.rows, read.snapshots, read.left_out_rows
         report.bad_rows, report.snapshots_lost, report.windows = read.bad_rows, read.snapshots_lost, read.windows

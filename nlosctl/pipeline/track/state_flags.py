@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.results import Flags
-from nlosctl.solvers.tracking.row_paths import RowPaths
+from nlosctl.solvers.tracking.tracks_of_rows import TracksOfRows
 
 __all__ = ["RowResults", "row_results"]
 
@@ -45,7 +45,9 @@ class RowResults:
         return Flags(used=part & (~mixed | (probability > 0.5)), columns=columns)
 
 
-def row_results(paths: RowPaths, rows_of: Sequence[IntArray], snapshots: Sequence[IntArray], rows: int) -> RowResults:
+def row_results(
+    paths: TracksOfRows, rows_of: Sequence[IntArray], snapshots: Sequence[IntArray], rows: int
+) -> RowResults:
     """Return the results of all blocks, whose rows (B, K) have the indices ``rows_of`` of ``rows`` in all."""
     size = paths.of.of_snapshot.shape[0]
     cost, used = np.zeros(size), np.zeros(size, dtype=np.int64)

@@ -11,7 +11,7 @@ from typing import Any
 from nlosctl.contract.options import option, parse_options
 from nlosctl.contract.windows import parse_window
 from nlosctl.errors import UsageError
-from nlosctl.solvers.tracking.association import AssociationRule
+from nlosctl.solvers.tracking.assigned_fixes import AssociationRule
 
 __all__ = ["TrackOptions", "track_options"]
 

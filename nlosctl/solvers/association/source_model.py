@@ -33,7 +33,7 @@ from nlosctl.solvers.bearings.row_terms import DirectBearings
 from nlosctl.solvers.bearings.space_row_terms import DirectDirections
 from nlosctl.solvers.mixture.outlier_model import bearing_region, source_volume
 
-__all__ = ["Hypotheses", "RowTerms", "SourceModel", "set_weights", "source_model"]
+__all__ = ["Hypotheses", "RowsAtPoints", "SourceModel", "set_weights", "source_model"]
 
 _MARGIN_SHARE = 0.05
 """Default margin around the search region, in units of its larger side."""
@@ -59,7 +59,7 @@ class Hypotheses:
     min_range_m: float | None
 
 
-class RowTerms(NamedTuple):
+class RowsAtPoints(NamedTuple):
     """Half the chi-square (C, K) of all rows at points, its D derivatives and Gauss-Newton matrices (C, K)."""
 
     half: FloatArray
@@ -96,14 +96,14 @@ class SourceModel(RowBlock):
         inside: BoolArray = rows_of(self.region, snapshot).edge_distance_m(*point) >= -self.margin_m[snapshot]
         return inside
 
-    def terms(self, snapshot: IntArray, point: Point) -> RowTerms:
+    def terms(self, snapshot: IntArray, point: Point) -> RowsAtPoints:
         """Return the terms of all rows of snapshots (C,) at points about their local origins, D arrays (C,)."""
         direct = self.direct.take(snapshot)
         with ignoring_overflow():
             rows = [direct.derivatives(k, *point) for k in range(self.scalars.shape[1])]
         gradient = tuple(np.stack(parts).T for parts in zip(*(row.gradient for row in rows), strict=True))
         gauss = SymmetricMatrix(*(np.stack(parts).T for parts in zip(*(row.gauss.parts for row in rows), strict=True)))
-        return RowTerms(np.stack([row.half_chi_square for row in rows]).T, gradient, gauss)
+        return RowsAtPoints(np.stack([row.half_chi_square for row in rows]).T, gradient, gauss)
 
     def height_terms(self, snapshot: IntArray, point: Point) -> tuple[FloatArray, Point, SymmetricMatrix]:
         """Return half the chi-square (C,) of a measured height, its derivatives and Gauss-Newton matrix; or zeros."""

@@ -17,7 +17,7 @@ from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.association.sensor_rows import SensorRows
 from nlosctl.solvers.association.set_fits import SourceSets, fit_sets
-from nlosctl.solvers.association.source_model import RowTerms, SourceModel, set_weights
+from nlosctl.solvers.association.source_model import RowsAtPoints, SourceModel, set_weights
 from nlosctl.solvers.bearings.row_crossings import cross_rows
 
 __all__ = ["Gates", "find_sets"]
@@ -129,7 +129,7 @@ def _taken(index: IntArray, snapshot: IntArray, rows: IntArray, point: Point) ->
 
 
 def _sums(
-    model: SourceModel, terms: RowTerms, snapshot: IntArray, point: Point, rows: IntArray
+    model: SourceModel, terms: RowsAtPoints, snapshot: IntArray, point: Point, rows: IntArray
 ) -> tuple[FloatArray, Point, SymmetricMatrix]:
     """Return half the chi-square (C,) of some rows (C, n) and of a height, its derivatives and information."""
     half, slopes, gauss = model.height_terms(snapshot, point)
@@ -143,7 +143,7 @@ def _sums(
 
 
 def _distances(
-    model: SourceModel, gates: Gates, snapshot: IntArray, terms: RowTerms, information: SymmetricMatrix
+    model: SourceModel, gates: Gates, snapshot: IntArray, terms: RowsAtPoints, information: SymmetricMatrix
 ) -> FloatArray:
     """Return the squared distances (C, K) of rows from fixes in units of their gates: above 1 is outside.
 
@@ -202,7 +202,7 @@ def _variants(
     snapshot, rows, first = _different(sets.snapshot[source], rows)
     source = source[first]
     point = tuple(part[source] for part in sets.point)
-    own = RowTerms(terms.half[source], tuple(part[source] for part in terms.gradient), terms.gauss.take(source))
+    own = RowsAtPoints(terms.half[source], tuple(part[source] for part in terms.gradient), terms.gauss.take(source))
     half, gradient, information = _sums(model, own, snapshot, point, rows)
     with ignoring_overflow():
         step = information.solve(*gradient)

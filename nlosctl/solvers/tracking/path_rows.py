@@ -15,10 +15,10 @@ from nlosctl.solvers.mixture.likelihood import Mixture
 from nlosctl.solvers.mixture.path_groups import PathGroups
 from nlosctl.solvers.optimization.problem import RowDerivatives
 
-__all__ = ["FollowedRows", "MeasuredRows", "PathRows", "RowTerms", "mixed_terms", "trusted_terms"]
+__all__ = ["ComparableRows", "FollowedRows", "PathRows", "RowTerms", "mixed_terms", "trusted_terms"]
 
 
-class MeasuredRows(Protocol):
+class ComparableRows(Protocol):
     """Rows (B, K) of measurements that are compared with points (B,)."""
 
     def derivatives(self, k: int, *point: FloatArray) -> RowDerivatives:
@@ -99,7 +99,7 @@ class PathRows(RowBlock):
     point (B,) each.
     """
 
-    rows: MeasuredRows
+    rows: ComparableRows
     center: tuple[FloatArray, ...]
     scalars: IntArray
     mixture: Mixture | None
@@ -107,7 +107,7 @@ class PathRows(RowBlock):
     residuals: Callable[..., Mapping[str, FloatArray]] | None = None
 
     @classmethod
-    def trusted(cls, rows: MeasuredRows, center: tuple[FloatArray, ...], residuals: Callable[..., Any]) -> PathRows:
+    def trusted(cls, rows: ComparableRows, center: tuple[FloatArray, ...], residuals: Callable[..., Any]) -> PathRows:
         """Return rows that are all direct."""
         return cls(rows, center, rows.scalars(), None, None, residuals)
 

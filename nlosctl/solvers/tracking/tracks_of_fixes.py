@@ -12,11 +12,11 @@ from nlosctl.solvers.tracking.fixes import Fixes, Path, filter_fixes, smooth_fix
 from nlosctl.solvers.tracking.motion import Motion
 from nlosctl.solvers.tracking.states import States, at_offset, order_states
 
-__all__ = ["FixPaths", "track_fixes", "track_origins"]
+__all__ = ["TracksOfFixes", "track_fixes", "track_origins"]
 
 
 @dataclass(frozen=True)
-class FixPaths:
+class TracksOfFixes:
     """States (S, 2D) of snapshots about ``origin_m`` (S, D), their covariances (S, 2D, 2D), and what is known.
 
     ``misfit`` (S,) is half the chi-square of each fix, ``fixed`` (S,) marks fixes that count, ``tracks`` is the number
@@ -44,7 +44,7 @@ def track_fixes(
     *,
     gap_s: float,
     causal: bool,
-) -> FixPaths:
+) -> TracksOfFixes:
     """Return the paths of tracks ``key`` through fixes (S, D) with covariances (S, D, D), NaN where they are unknown.
 
     ``density`` None is estimated from all tracks together.
@@ -69,7 +69,7 @@ def track_fixes(
     at = of.of_snapshot
     moved, covariance = at_offset(path.states[at], path.covariance[at], of.offset_s)
     _, chi_square = fixes.misfit(path.states, of)
-    return FixPaths(
+    return TracksOfFixes(
         moved, covariance, origin, path.known[at], path.moving[at], 0.5 * chi_square, fixes.known, of.part,
         motion.first.shape[0], found,
     )  # fmt: skip

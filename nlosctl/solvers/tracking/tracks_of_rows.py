@@ -10,15 +10,15 @@ import numpy as np
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.solvers.tracking.acceleration import DensityEstimate, close_times, likeliest_density
 from nlosctl.solvers.tracking.filtered_rows import filter_paths
-from nlosctl.solvers.tracking.fix_paths import track_origins
 from nlosctl.solvers.tracking.fixes import Fixes
 from nlosctl.solvers.tracking.measured_paths import FoundPaths, MeasuredTracks, RowsAtStates, find_paths
 from nlosctl.solvers.tracking.motion import Motion
 from nlosctl.solvers.tracking.path_rows import FollowedRows
 from nlosctl.solvers.tracking.starts import best_paths
 from nlosctl.solvers.tracking.states import States, at_offset, order_states
+from nlosctl.solvers.tracking.tracks_of_fixes import track_origins
 
-__all__ = ["RowPaths", "SnapshotRows", "TrackedRows", "track_rows"]
+__all__ = ["SnapshotRows", "TrackedRows", "TracksOfRows", "track_rows"]
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class TrackedRows:
 
 
 @dataclass(frozen=True)
-class RowPaths:
+class TracksOfRows:
     """Paths of measured tracks: states (S, 2D) of snapshots about ``origin_m`` (S, D), covariances (S, 2D, 2D).
 
     ``at`` are the blocks of rows at the ``states`` (N, 2D) of ``of``.
@@ -67,7 +67,7 @@ class RowPaths:
     density: DensityEstimate
 
 
-def track_rows(tracked: TrackedRows, density: float | None) -> RowPaths:
+def track_rows(tracked: TrackedRows, density: float | None) -> TracksOfRows:
     """Return the likeliest paths; ``density`` None is estimated from all tracks together."""
     dimension = tracked.fix_m.shape[1]
     known = Fixes.of(tracked.fix_m, tracked.fix_m2).known
@@ -111,7 +111,7 @@ def track_rows(tracked: TrackedRows, density: float | None) -> RowPaths:
         path, settled = filter_paths(tracks, path.states, _own_fixes(fixes, of, path.states))
     known_path = path.known & _have_starts(tracks.motion, of, fixes.known)
     states, covariance = at_offset(path.states[at], path.covariance[at], of.offset_s)
-    return RowPaths(
+    return TracksOfRows(
         states, covariance, origin, known_path[at], path.moving[at], settled[at], of, tracks.blocks, path.states,
         tracks.motion.first.shape[0], chosen,
     )  # fmt: skip

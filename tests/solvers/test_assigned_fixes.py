@@ -6,7 +6,7 @@ from itertools import permutations
 
 import numpy as np
 
-from nlosctl.solvers.tracking.association import AssociationRule, associate_fixes
+from nlosctl.solvers.tracking.assigned_fixes import AssociationRule, associate_fixes
 
 RULE = AssociationRule(density=0.1, speed_std_m_s=10.0, gate_probability=1e-4, misses=3)
 
