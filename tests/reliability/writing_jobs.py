@@ -62,11 +62,7 @@ _JOBS = [
         outputs=["m.csv", "m.scene.toml"],
     ),
     WritingJob(command="bound", words=["bearings.parquet", "-o", "b.parquet"], outputs=["b.parquet"]),
-    WritingJob(
-        command="posterior",
-        words=["bearings.parquet", "--all", "-o", "p.parquet"],
-        outputs=["p.parquet"],
-    ),
+    WritingJob(command="posterior", words=["bearings.parquet", "--all", "-o", "p.parquet"], outputs=["p.parquet"]),
     WritingJob(command="validate", words=["corrupted.csv", "--bad-rows", "bad.csv"], outputs=["bad.csv"], code=1),
     WritingJob(command="convert", words=["bearings.parquet", "-o", "c.jsonl.gz"], outputs=["c.jsonl.gz"]),
 ]
