@@ -101,6 +101,10 @@ def _track_fixes(
         raise UsageError(f"`parameters` {next(iter(options.parameters))}: a track through estimates has no method")
     if read.window is not None:
         raise UsageError("`window` makes snapshots of measurements, and the input is estimates; leave it out")
+    if read.calibration is not None:
+        raise UsageError(
+            "`calibration` corrects measurements, and the input is estimates; localize with it, or leave it out"
+        )
     run = FixRun(sources, read, own, write.carry)
     protected = [part.path for source in sources for part in source.parts if part.path is not None]
     check_targets(

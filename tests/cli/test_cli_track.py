@@ -89,6 +89,11 @@ def test_the_first_filtered_state_has_no_velocity(cli: Cli, tmp_path: Path) -> N
         (["-p", "acceleration_psd=1", "--gap", "60"], 2, "--gap must be a width larger than 0 with its unit"),
         (["-p", "acceleration_psd=1", "--gap", "auto"], 2, "--gap must be a time with its unit"),
         (["-p", "acceleration_psd=1", "--window", "2s"], 2, "the input is estimates"),
+        (
+            ["-p", "acceleration_psd=1", "--calibration", "c.toml"],
+            2,
+            "--calibration corrects measurements, and the input",
+        ),
         (["-p", "acceleration_psd=1", "--by", "tga"], 1, "no column 'tga' (did you mean 'tag'?)"),
         (["-p", "acceleration_psd=1", "--max-sort-rows", "5"], 1, "more than 5 rows, which a track needs in memory"),
         (["-p", "acceleration_psd=1", "-o", "out/"], 2, "a track is written to a file"),
@@ -168,6 +173,15 @@ def test_the_bytes_do_not_depend_on_jobs_blocks_or_the_cut(
     assert cli("track", "-", *WINDOWS, "-q", stdin=text).out == expected
     monkeypatch.setenv("NLOSCTL_CHUNK_ROWS", "50")
     assert cli("track", "ranges.csv", *WINDOWS, "-q", "--jobs", "2").out == expected
+    monkeypatch.delenv("NLOSCTL_CHUNK_ROWS")
+    entry = '[[sensor]]\nname = "A{}"\nrange_offset_m = 0.1\nrange_offset_std_m = 0.2\n'
+    (tmp_path / "offsets.toml").write_text("".join(entry.format(number) for number in range(4)))
+    calibrated = cli("track", "ranges.csv", *WINDOWS, "-q", "--calibration", "offsets.toml").out
+    assert calibrated != expected
+    assert (
+        cli("track", "ranges.csv", *WINDOWS, "-q", "--calibration", "offsets.toml", "--block-size", "7").out
+        == calibrated
+    )
     one = cli("track", "ranges.csv", *WINDOWS, "-q", "--where", "tag == t1").text.splitlines()
     assert one == [line for line in expected.decode().splitlines() if not line.startswith("tag-t0")]
 

@@ -14,6 +14,7 @@ from nlosctl.contract.results import Flags
 from nlosctl.contract.run_options import OutputOptions, SolveOptions
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
+from nlosctl.io.measurements.completion.calibrated_rows import STD_FACTOR
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.results.layouts import EstimatesLayout, carried_columns
@@ -25,9 +26,11 @@ from nlosctl.pipeline.solve.merged_flags import flags_of_windows
 from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
 from nlosctl.pipeline.solve.report import RunReport
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolver, dense_batch, dense_blocks
+from nlosctl.pipeline.solve.stds.row_squares import uses_ranges
 from nlosctl.pipeline.solve.target_heights import heights_remark, refuse_dimension, with_target_heights
 from nlosctl.pipeline.track.measured_snapshots import Collected, MeasuredSnapshots
 from nlosctl.pipeline.track.merged_fixes import with_merged_fixes
+from nlosctl.pipeline.track.offset_rows import OffsetRows
 from nlosctl.pipeline.track.state_flags import RowResults, row_results
 from nlosctl.pipeline.track.track_options import TrackOptions
 from nlosctl.pipeline.track.track_table import SnapshotStates, density_note, optional_columns, track_estimates
@@ -64,6 +67,7 @@ class MeasuredRun:
             dimension=reader.dimension,
             field=options.field,
             block_size=options.block_size,
+            calibration=reader.options.calibration,
         )
         self._chunks: list[tuple[Chunk, Chunk | None]] = []
         self.report = RunReport(kind=reader.kind, inputs=[], methods={run.label: MethodTally()})
@@ -139,7 +143,7 @@ class MeasuredRun:
         follow = self._run.spec.path_rows
         assert follow is not None  # noqa: S101 - checked before
         self._rows_of: tuple[list[IntArray], list[IntArray]] = ([], [])
-        blocks = []
+        blocks, batches = [], []
         made: dict[str, Any] = {"scene": self.reader.scene, "dimension": self.reader.dimension}
         for snapshot, row in dense_blocks(snapshots.offsets, ~snapshots.left_out, self._options.block_size):
             if not row.shape[1]:
@@ -149,6 +153,7 @@ class MeasuredRun:
             blocks.append(SnapshotRows(rows, snapshot, rows.in_order(snapshots.elapsed_s[row])))
             self._rows_of[0].append(row)
             self._rows_of[1].append(snapshot)
+            batches.append(batch)
         return TrackedRows(
             snapshots.key,
             snapshots.mean_elapsed_s,
@@ -158,7 +163,37 @@ class MeasuredRun:
             self._own.gap_s,
             self._run.spec.direct_rows is not None,
             self._own.causal,
+            self._uncertain(snapshots, batches, made),
         )
+
+    def _uncertain(
+        self, snapshots: MeasuredSnapshots, batches: Sequence[Any], made: Mapping[str, Any]
+    ) -> OffsetRows | None:
+        """Return the rows of batches with the offsets of their sensors, None if those are exactly known.
+
+        Raises UsageError for filtered states, which have no model of them.
+        """
+        kind, columns, spec, options = self.reader.kind, snapshots.columns, self._run.spec, self._run.options
+        follow = spec.path_rows
+        assert follow is not None  # noqa: S101 - checked before
+        rows = OffsetRows(
+            kind,
+            columns,
+            batches,
+            self._rows_of[0],
+            self.reader.options.calibration,
+            lambda batch: follow(batch, options),
+            lambda row: dense_batch(kind, columns, row, field=self._options.field, **made),
+            uses_ranges(spec, options) and any(batch.range_m is not None for batch in batches),
+        )
+        if not batches or not rows.any_error:
+            return None
+        if self._own.causal:
+            raise UsageError(
+                "`causal` takes the offsets of sensors as exactly known; leave it out, or the standard deviations of "
+                "the offsets in the calibration and the scene"
+            )
+        return rows
 
     def _tables(
         self,
@@ -216,6 +251,7 @@ class MeasuredRun:
             asked: dict[str, Any] = {"details": False, "dimension": reader.dimension}
             names = self._run.spec.flag_columns(self._run.options, reader.scene, given, **asked)
             names = tuple(name for name in names if name in RowResults.NAMES)
+            names += () if reader.options.calibration is None else (STD_FACTOR,)
             layouts["flags"] = FlagsLayout(**shared, names=names, constants=reader.constants)
         return layouts
 

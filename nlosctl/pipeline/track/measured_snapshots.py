@@ -12,6 +12,7 @@ import numpy.typing as npt
 from nlosctl.arrays import BoolArray, FloatArray, IntArray
 from nlosctl.contract.windows import TICKS_PER_SECOND
 from nlosctl.errors import DataError
+from nlosctl.io.measurements.completion.calibrated_rows import OFFSET_ENTRY
 from nlosctl.io.measurements.completion.sensor_keys import group_texts
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.measurements.row_checks import TICKS
@@ -19,7 +20,7 @@ from nlosctl.io.results.snapshot_rows import mean_times
 
 __all__ = ["Collected", "MeasuredSnapshots"]
 
-_CODES = frozenset({"sensor", "path", "reflector", "reference"})
+_CODES = frozenset({"sensor", "path", "reflector", "reference", OFFSET_ENTRY})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ from nlosctl.solvers.tracking.path_rows import FollowedRows
 from nlosctl.solvers.tracking.starts import best_paths
 from nlosctl.solvers.tracking.states import States, at_offset, order_states
 from nlosctl.solvers.tracking.tracks_of_fixes import track_origins
+from nlosctl.solvers.tracking.uncertain_offsets import UncertainRows, with_offsets
 
 __all__ = ["SnapshotRows", "TrackedRows", "TracksOfRows", "track_rows"]
 
@@ -34,7 +35,8 @@ class SnapshotRows:
 class TrackedRows:
     """S snapshots of tracks ``key`` (S,) at mean times (S,), with their blocks of rows and the fixes (S, D) of each.
 
-    A gap longer than ``gap_s`` begins a new track.
+    A gap longer than ``gap_s`` begins a new track. ``uncertain`` are the rows of the blocks if offsets of their sensors
+    are not exactly known.
     """
 
     key: IntArray
@@ -45,6 +47,7 @@ class TrackedRows:
     gap_s: float
     is_mixture: bool
     causal: bool = False
+    uncertain: UncertainRows | None = None
 
 
 @dataclass(frozen=True)
@@ -76,27 +79,24 @@ def track_rows(tracked: TrackedRows, density: float | None) -> TracksOfRows:
     variance = np.where(known, np.trace(tracked.fix_m2, axis1=1, axis2=2) / dimension, np.nan)
     last: list[FloatArray] = []
 
-    def tracks_at(q: float) -> tuple[States, MeasuredTracks]:
+    def search(q: float) -> tuple[States, MeasuredTracks, FoundPaths]:
         of = order_states(
             tracked.key, tracked.time_s, tracked.gap_s, close_times(tracked.key, variance, q) * (not tracked.causal)
         )
-        at = [
-            RowsAtStates(
-                block.rows,
-                of.of_snapshot[block.snapshot],
-                origin[block.snapshot],
-                block.time_s - of.time_s[of.of_snapshot[block.snapshot]][:, None],
-            )
-            for block in tracked.blocks
-        ]
-        return of, MeasuredTracks(at, Motion.of(of.within, of.time_s, q), dimension)
+        motion = Motion.of(of.within, of.time_s, q)
 
-    def search(q: float) -> tuple[States, MeasuredTracks, FoundPaths]:
-        of, tracks = tracks_at(q)
+        def place(rows: Sequence[FollowedRows]) -> MeasuredTracks:
+            at = [_at_states(block, own, of, origin) for block, own in zip(tracked.blocks, rows, strict=True)]
+            return MeasuredTracks(at, motion, dimension)
+
+        uncertain = tracked.uncertain
+        tracks = place([block.rows for block in tracked.blocks] if uncertain is None else uncertain.widened())
         if last and last[-1].shape[0] == of.within.shape[0]:
             found = find_paths(tracks, last[-1])
         else:
             found = best_paths(tracks, fixes, of, is_mixture=tracked.is_mixture)
+        if uncertain is not None:
+            tracks, found = with_offsets(uncertain, place, tracks, found)
         last[:] = [found.path.states]
         return of, tracks, found
 
@@ -115,6 +115,12 @@ def track_rows(tracked: TrackedRows, density: float | None) -> TracksOfRows:
         states, covariance, origin, known_path[at], path.moving[at], settled[at], of, tracks.blocks, path.states,
         tracks.motion.first.shape[0], chosen,
     )  # fmt: skip
+
+
+def _at_states(block: SnapshotRows, rows: FollowedRows, of: States, origin_m: FloatArray) -> RowsAtStates:
+    """Return rows of a block's snapshots at their states."""
+    state = of.of_snapshot[block.snapshot]
+    return RowsAtStates(rows, state, origin_m[block.snapshot], block.time_s - of.time_s[state][:, None])
 
 
 def _have_starts(motion: Motion, of: States, fixed: BoolArray) -> BoolArray:
