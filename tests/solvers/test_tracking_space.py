@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pytest
 from scipy.optimize import least_squares
 
 import nlosctl
+from nlosctl.contract.calibration import Calibration, SensorOffset
+from nlosctl.errors import UsageError
 
 FloatArray = np.ndarray
 
@@ -138,3 +141,81 @@ def test_late_arrivals_are_found_along_the_path() -> None:
     off = np.hypot(states["x_m"] - world.start[:, 0], states["y_m"] - world.start[:, 1])
     assert off.max() < 1.0
     assert np.abs(np.array(found.flags.column("residual_m"))[late] - 20.0).max() < 2.0
+
+
+def at_one_time(world: World, arrival_m: FloatArray) -> tuple[dict[str, object], dict[str, object]]:
+    """Arrivals of each snapshot's one time, and the same as differences to the first sensor, which has no row."""
+    arrivals = {**world.columns(), "time_s": world.snapshot.astype(float)}
+    arrivals |= {"arrival_m": arrival_m, "arrival_std_m": np.full(arrival_m.size, 0.3)}
+    others = world.sensor > 0
+    first = arrival_m[world.sensor == 0][world.snapshot]
+    kept = {name: np.asarray(values)[others] for name, values in arrivals.items()}
+    del kept["arrival_m"]
+    reference = {f"reference_{axis}_m": np.full(others.sum(), ANCHORS[0, n]) for n, axis in enumerate("xy")}
+    return arrivals, {**kept, "tdoa_m": (arrival_m - first)[others], "reference": ["s0"] * others.sum(), **reference}
+
+
+@pytest.mark.parametrize("method", ["ml", "mixture-ml"])
+def test_differences_to_one_reference_are_arrivals(method: str) -> None:
+    """The path, its covariances and the flags of differences to a sensor without a row are those of the arrivals."""
+    world = World(5, 2)
+    late = 20.0 * ((world.sensor > 0) & (np.arange(world.length.size) % 11 == 3)) * (method == "mixture-ml")
+    place = np.hypot(*(world.start[world.snapshot, :2] - ANCHORS[world.sensor, :2]).T)
+    arrivals, differences = at_one_time(world, place + 70.0 + 0.3 * world.rng.normal(size=late.size) + late)
+    given = {"method": method, "acceleration_psd": Q, "flags": True}
+    one = nlosctl.track(pa.table(arrivals), **given)
+    other = nlosctl.track(pa.table(differences), **given)
+    for name in ("x_m", "y_m", "vx_m_s", "cov_xy_m2", "cov_vyvy_m2_s2"):
+        np.testing.assert_allclose(other.estimates[name].to_numpy(), one.estimates[name].to_numpy(), atol=1e-6)
+    assert set(other.estimates["n_measurements"].to_pylist()) == {5}
+    mine = pa.array(world.sensor > 0)
+    for name in ("residual_m", *(["los_probability"] if method == "mixture-ml" else [])):
+        expected = one.flags.filter(mine)[name].to_numpy()
+        np.testing.assert_allclose(other.flags[name].to_numpy(), expected, atol=1e-6)
+
+
+def of_pairs(world: World, references: FloatArray) -> tuple[dict[str, object], FloatArray]:
+    """Differences of each row's sensor and another one, at the row's own time; the rows that take part."""
+    rows = np.flatnonzero(world.sensor != references)
+    other = world.away + ANCHORS[world.sensor, :2] - ANCHORS[references, :2]
+    measured = (world.length - np.hypot(*other.T) + 0.3 * world.rng.normal(size=references.size))[rows]
+    table = {name: np.asarray(values)[rows] for name, values in world.columns().items()}
+    table |= {"tdoa_m": measured, "arrival_std_m": np.full(rows.size, 0.3)}
+    table |= {"reference": [f"s{k}" for k in references[rows]]}
+    table |= {f"reference_{axis}_m": ANCHORS[references[rows], n] for n, axis in enumerate("xy")}
+    return table, rows
+
+
+def test_differences_to_several_references_are_independent_rows() -> None:
+    """The path through independent differences is that of scipy, each row at its own time."""
+    world = World(6, 2)
+    references = (world.sensor + 1 + world.snapshot % 2) % len(ANCHORS)
+    table, rows = of_pairs(world, references)
+
+    def residuals(states: FloatArray, _: FloatArray) -> FloatArray:
+        away = world.vectors(states)
+        back = away + ANCHORS[world.sensor, :2] - ANCHORS[references, :2]
+        return (table["tdoa_m"] - (np.hypot(*away.T) - np.hypot(*back.T))[rows]) / 0.3
+
+    world.compare(table, residuals)
+    with pytest.raises(UsageError, match="several references, but method 'mixture-ml' needs one"):
+        nlosctl.track(pa.table(table), method="mixture-ml", acceleration_psd=Q)
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_offsets_of_both_sensors_of_a_difference_are_unknowns(several: bool) -> None:
+    """A track of one snapshot is the fix of localize with the same calibration, covariance included."""
+    world = World(7, 2)
+    if several:
+        table, _ = of_pairs(world, (world.sensor + 1 + world.sensor % 2) % len(ANCHORS))
+    else:
+        _, table = at_one_time(world, world.length + 3.0 + 0.3 * world.rng.normal(size=world.length.size))
+    table = pa.table(table)
+    table = table.filter(pc.equal(table["snapshot"], 4)).set_column(1, "time_s", pa.array([0.0] * 5 + [0.0] * several))
+    root = 0.5 * world.rng.normal(size=(6, 6))
+    entries = tuple(SensorOffset(name=f"s{k}", offset=0.1 * k, std=1.0) for k in range(6))
+    known = Calibration(kind="arrivals", entries=entries, order=tuple(range(6)), covariance=root @ root.T)
+    track = nlosctl.track(table, acceleration_psd=Q, calibration=known).estimates
+    fix = nlosctl.localize(table, method="ml", calibration=known).estimates
+    for name in ("x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"):
+        assert track[name][0].as_py() == pytest.approx(fix[name][0].as_py(), rel=2e-3, abs=1e-3), name

@@ -20,6 +20,7 @@ from nlosctl.pipeline.solve.target_heights import by_height
 __all__ = [
     "about_origin",
     "alike_blocks",
+    "alike_differences",
     "difference_form",
     "lacks_reference",
     "with_references",
@@ -38,14 +39,21 @@ _OF_REFERENCE = {
 def alike_blocks(chunk: Chunk, snapshot: IntArray, row: IntArray) -> Iterator[tuple[IntArray, IntArray]]:
     """Yield the snapshots (B,) and rows (B, K) of a block that can share a batch: by heights, then by differences."""
     for some, rows in by_height(chunk, snapshot, row):
-        if FORM not in chunk.columns or not row.shape[1]:
-            yield some, rows
-            continue
-        form = chunk.columns[FORM][rows[:, 0]]
-        for known in Form:
-            alike = form == known
-            if alike.any():
-                yield some[alike], rows[alike]
+        yield from alike_differences(chunk.columns, some, rows)
+
+
+def alike_differences(
+    columns: Mapping[str, npt.NDArray[Any]], snapshot: IntArray, row: IntArray
+) -> Iterator[tuple[IntArray, IntArray]]:
+    """Yield the snapshots (B,) and rows (B, K) of a block whose differences have the same form."""
+    if FORM not in columns or not row.shape[1]:
+        yield snapshot, row
+        return
+    form = columns[FORM][row[:, 0]]
+    for known in Form:
+        alike = form == known
+        if alike.any():
+            yield snapshot[alike], row[alike]
 
 
 def difference_form(columns: Mapping[str, npt.NDArray[Any]], row: IntArray) -> Form | None:

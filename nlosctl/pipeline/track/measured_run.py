@@ -24,6 +24,7 @@ from nlosctl.pipeline.engine.workers import map_in_processes
 from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata, read_settings
 from nlosctl.pipeline.solve.merged_flags import flags_of_windows
 from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
+from nlosctl.pipeline.solve.reference_rows import alike_differences
 from nlosctl.pipeline.solve.report import RunReport
 from nlosctl.pipeline.solve.solve_chunk import ChunkSolver, dense_batch, dense_blocks
 from nlosctl.pipeline.solve.stds.row_squares import uses_ranges
@@ -145,12 +146,16 @@ class MeasuredRun:
         self._rows_of: tuple[list[IntArray], list[IntArray]] = ([], [])
         blocks, batches = [], []
         made: dict[str, Any] = {"scene": self.reader.scene, "dimension": self.reader.dimension}
-        for snapshot, row in dense_blocks(snapshots.offsets, ~snapshots.left_out, self._options.block_size):
+        whole = dense_blocks(snapshots.offsets, ~snapshots.left_out, self._options.block_size)
+        for snapshot, row in (part for block in whole for part in alike_differences(snapshots.columns, *block)):
             if not row.shape[1]:
                 continue
             batch = dense_batch(self.reader.kind, snapshots.columns, row, field=self._options.field, **made)
             rows = follow(batch, self._run.options)
-            blocks.append(SnapshotRows(rows, snapshot, rows.in_order(snapshots.elapsed_s[row])))
+            elapsed_s = snapshots.elapsed_s[row]
+            if rows.count > row.shape[1]:  # a reference without a row of its own
+                elapsed_s = np.append(elapsed_s, snapshots.mean_elapsed_s[snapshot, None], axis=1)
+            blocks.append(SnapshotRows(rows, snapshot, rows.in_order(elapsed_s)))
             self._rows_of[0].append(row)
             self._rows_of[1].append(snapshot)
             batches.append(batch)
@@ -163,12 +168,10 @@ class MeasuredRun:
             self._own.gap_s,
             self._run.spec.direct_rows is not None,
             self._own.causal,
-            self._uncertain(snapshots, batches, made),
+            self._uncertain(snapshots, batches),
         )
 
-    def _uncertain(
-        self, snapshots: MeasuredSnapshots, batches: Sequence[Any], made: Mapping[str, Any]
-    ) -> OffsetRows | None:
+    def _uncertain(self, snapshots: MeasuredSnapshots, batches: Sequence[Any]) -> OffsetRows | None:
         """Return the rows of batches with the offsets of their sensors, None if those are exactly known.
 
         Raises UsageError for filtered states, which have no model of them.
@@ -183,7 +186,6 @@ class MeasuredRun:
             self._rows_of[0],
             self.reader.options.calibration,
             lambda batch: follow(batch, options),
-            lambda row: dense_batch(kind, columns, row, field=self._options.field, **made),
             uses_ranges(spec, options) and any(batch.range_m is not None for batch in batches),
         )
         if not batches or not rows.any_error:
@@ -262,8 +264,6 @@ class MeasuredRun:
             raise UsageError(
                 f"{spec.name} can't track {reader.kind}; ml and mixture-ml of bearings, ranges and arrivals can"
             )
-        if "reference" in reader.column_names:
-            raise UsageError("a track of arrival times needs the arrivals themselves, not differences to a reference")
         refuse_dimension([self._run], reader.dimension, self._options.field)
         if reader.scene.frame is not None and reader.scene.frame.on_ellipsoid:
             raise UsageError("tracks on the earth are of two dimensions; set `dimensions` to 2")

@@ -29,7 +29,7 @@ _LEAST_SHARE = 1e-3
 class OffsetRows:
     """Batches of B snapshots whose rows (B, K) of the ``columns`` (N,) have the indices ``row``.
 
-    ``follow`` makes the rows that a path is compared with, ``flat`` the batch of rows (N, 1) one by one.
+    ``follow`` makes the rows that a path is compared with.
     ``with_ranges``: ranges beside bearings take part.
     """
 
@@ -39,7 +39,6 @@ class OffsetRows:
     row: Sequence[IntArray]
     calibration: Any
     follow: Callable[[Any], FollowedRows]
-    flat: Callable[[IntArray], Any]
     with_ranges: bool
 
     @property
@@ -56,20 +55,27 @@ class OffsetRows:
 
     @cached_property
     def causes(self) -> Sequence[Sequence[OffsetCauses]]:
-        """The causes of the offsets of each block's rows, in the order of the file (B K,), by quantity."""
+        """The causes of the offsets of each block's rows, in the order of the file (B K, M), by quantity.
+
+        Of differences two, of the sensor and of the reference.
+        """
         sensors = 1 + max(int(shared.sensors.sensor.max(initial=0)) for shared in self._shared)
         return [self._of_block(shared, sensors) for shared in self._shared]
 
     def _of_block(self, shared: SharedCauses, sensors: int) -> list[OffsetCauses]:
-        known, covariance = shared.sensors, shared.covariance
-        calibrated = known.entry >= 0
+        nodes, covariance = [shared.sensors], shared.covariance
+        nodes += [] if shared.reference is None else [shared.reference]
         variance = np.append(np.diag(covariance), 0.0)
-        own = np.where(calibrated, variance[known.entry] > 0.0, known.offset_std)
-        number = np.where(calibrated, known.entry, covariance.shape[0] + known.sensor)
-        causes = [OffsetCauses(number.ravel(), own.astype(np.float64).ravel(), covariance)]
+        number, std = [], []
+        for sign, node in zip((1.0, -1.0), nodes, strict=False):
+            own = np.where(node.entry >= 0, variance[node.entry] > 0.0, node.offset_std)
+            std.append(sign * own.ravel())
+            number.append(np.where(node.entry >= 0, node.entry, covariance.shape[0] + node.sensor).ravel())
+        causes = [OffsetCauses(np.stack(number, axis=1), np.stack(std, axis=1), covariance)]
         if self.with_ranges:
-            further = covariance.shape[0] + sensors + known.sensor
-            causes.append(OffsetCauses(further.ravel(), known.range_offset_std_m.ravel(), covariance))
+            further = covariance.shape[0] + sensors + shared.sensors.sensor
+            range_std = shared.sensors.range_offset_std_m
+            causes.append(OffsetCauses(further.reshape(-1, 1), range_std.reshape(-1, 1), covariance))
         return causes
 
     def widened(self) -> Sequence[FollowedRows]:
@@ -98,11 +104,13 @@ class OffsetRows:
         if self.with_ranges:
             by_range = np.where(of_rows[-1].measured > 0.0, -1.0 / np.nan_to_num(batch.range_std_m, nan=1.0), 0.0)
             of_rows = [of_rows[0], dataclasses.replace(of_rows[-1], per_offset=by_range)]
+        elif of_rows[0].per_offset is None:  # differences
+            of_rows = [dataclasses.replace(of_rows[0], per_offset=-1.0 / batch.arrival_std_m)]
         return [_shaped(scalar, shape) for scalar in of_rows[: offset.shape[0]]]
 
     @cached_property
     def _flat(self) -> list[Any]:
-        return [self.flat(row.reshape(-1, 1)) for row in self.row]
+        return [_apart(batch) for batch in self.batches]
 
     def _less(self, batch: Any, offset: FloatArray) -> Any:
         """Return a batch whose measurements are less offsets (Q, B, K); ranges stay positive."""
@@ -114,6 +122,21 @@ class OffsetRows:
             given, std = batch.range_m, batch.range_std_m
             changed["range_m"] = np.maximum(changed["range_m"], np.minimum(given, _LEAST_SHARE * std))
         return dataclasses.replace(batch, **{key: np.asfortranarray(values) for key, values in changed.items()})
+
+
+def _apart(batch: Any) -> Any:
+    """Return the batch of the rows of B snapshots (B, K) one by one, (B K, 1)."""
+    size, count = batch.sensor.shape
+    changed = {}
+    for field in dataclasses.fields(batch):
+        values = getattr(batch, field.name)
+        if not isinstance(values, np.ndarray):
+            continue
+        if values.shape[:2] == (size, count):
+            changed[field.name] = np.asfortranarray(values.reshape(size * count, 1, *values.shape[2:]))
+        elif values.shape == (size,):
+            changed[field.name] = np.repeat(values, count)
+    return dataclasses.replace(batch, **changed)
 
 
 def _shaped(scalar: ScaledResiduals, shape: tuple[int, ...]) -> ScaledResiduals:

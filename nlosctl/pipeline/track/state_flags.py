@@ -56,12 +56,12 @@ def row_results(
     for block, row, snapshot in zip(paths.at, rows_of, snapshots, strict=True):
         found = block.compare(paths.path)
         cost[snapshot], part[row] = found.cost, True
-        weight = block.rows.in_file_order(found.weight)
+        weight = block.rows.in_file_order(found.weight)[:, : row.shape[1]]  # one without a row of its own is last
         used[snapshot] = np.count_nonzero(weight > 0.5, axis=1)
         if block.rows.mixture is not None:
             probability[row] = weight
         for name, values in (found.residuals or {}).items():
-            residuals.setdefault(name, np.full(rows, np.nan))[row] = values
+            residuals.setdefault(name, np.full(rows, np.nan))[row] = values[:, : row.shape[1]]
         if block.rows.residuals is None:
             continue
         for k in range(block.rows.count):

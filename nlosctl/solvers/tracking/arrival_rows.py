@@ -1,4 +1,7 @@
-"""Arrivals along a path: the offset that those of a snapshot have in common is the likeliest one, and eliminated."""
+"""Arrivals along a path: the offset that those of a snapshot have in common is the likeliest one, and eliminated.
+
+Independent differences of pairs of sensors have no offset: they are rows as any other.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +10,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray, Point, ignoring_overflow
+from nlosctl.arrays import FloatArray, IntArray, Point, ignoring_overflow
 from nlosctl.contract.batches import ArrivalBatch
 from nlosctl.errors import UsageError
 from nlosctl.geometry.blocks import RowBlock, max_measurements, sum_measurements
+from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.arrivals import ArrivalRows, arrival_rows
 from nlosctl.solvers.arrivals.late_arrivals import LateArrivals
 from nlosctl.solvers.arrivals.outlier_model import arrival_outlier_model
 from nlosctl.solvers.mixture.likelihood import Mixture
-from nlosctl.solvers.tracking.path_rows import RowTerms, mixed_terms, trusted_terms
+from nlosctl.solvers.optimization.problem import RowDerivatives
+from nlosctl.solvers.tracking.path_rows import PathRows, RowTerms, mixed_terms, trusted_terms
 
 __all__ = ["ArrivalPathRows", "late_arrivals", "trusted_arrivals"]
 
@@ -117,21 +122,53 @@ def _by_offset(found: RowTerms) -> tuple[FloatArray, FloatArray]:
     return slope, bend
 
 
-def trusted_arrivals(batch: ArrivalBatch) -> ArrivalPathRows:
-    """Return arrivals that are all direct; raises UsageError for differences of several references."""
-    return ArrivalPathRows(LateArrivals(_checked(batch, arrival_rows(batch)), None), None)
+@dataclass(frozen=True)
+class _Differences(RowBlock):
+    """Independent differences (B, K) of pairs of sensors: (t - |x - a_i| + |x - a_j|) / s."""
+
+    arrivals: ArrivalRows
+
+    def derivatives(self, k: int, *point: FloatArray) -> RowDerivatives:
+        """Return half the chi-square of row ``k`` at points (B,) and its derivatives, those of Gauss and Newton."""
+        rows = self.arrivals
+        (first, along), (second, back) = (self._from(at, point) for at in (k, rows.arrival_m.shape[1] + k))
+        scaled = (rows.arrival_m[:, k] - first + second) / rows.std_m[:, k]
+        slopes = [(other - one) / rows.std_m[:, k] for one, other in zip(along, back, strict=True)]
+        gauss = SymmetricMatrix.outer(*slopes)
+        return RowDerivatives(0.5 * scaled * scaled, tuple(scaled * slope for slope in slopes), gauss, gauss)
+
+    def scalars(self) -> IntArray:
+        """Return the number of scalars (B, K) of each row: one."""
+        return np.ones(self.arrivals.std_m.shape, dtype=np.int64)
+
+    def _from(self, at: int, point: Point) -> tuple[FloatArray, list[FloatArray]]:
+        """Return the distance (B,) of points from a sensor or reference, and its derivatives."""
+        away = [part - own[:, at] for part, own in zip(point, self.arrivals.sensor, strict=True)]
+        squared = np.sum([part * part for part in away], axis=0)
+        if self.arrivals.height is not None:
+            squared += self.arrivals.height[:, at] ** 2
+        distance = np.sqrt(squared)
+        return distance, [part / distance for part in away]
+
+
+def trusted_arrivals(batch: ArrivalBatch) -> ArrivalPathRows | PathRows:
+    """Return arrivals that are all direct, or independent differences; raises UsageError for an uncertain speed."""
+    rows = _checked(batch)
+    if not rows.of_pairs:
+        return ArrivalPathRows(LateArrivals(rows, None), None)
+    return PathRows.trusted(_Differences(rows), rows.center, lambda *point: {"residual_m": rows.residual_m(*point)})
 
 
 def late_arrivals(batch: ArrivalBatch, *, alpha: float, late_m: float | None) -> ArrivalPathRows:
-    """Return arrivals, some of them late; raises UsageError for differences of several references."""
+    """Return arrivals, some of them late; raises UsageError for an uncertain speed."""
+    _checked(batch)
     model = arrival_outlier_model(batch, alpha=alpha, late_m=late_m)
-    _checked(batch, model.arrivals)
     rows = model.mixture.rows
     assert isinstance(rows, LateArrivals)  # noqa: S101 - those of arrivals
     return ArrivalPathRows(rows, model.mixture)
 
 
-def _checked(batch: ArrivalBatch, arrivals: ArrivalRows) -> ArrivalRows:
-    if arrivals.of_pairs or batch.speed_std is not None:
-        raise UsageError("tracks are of arrivals with one offset a snapshot, at a speed that is exactly known")
-    return arrivals
+def _checked(batch: ArrivalBatch) -> ArrivalRows:
+    if batch.speed_std is not None:
+        raise UsageError("a track takes the speed of the wave as exactly known; leave `speed_std_m_s` out")
+    return arrival_rows(batch)

@@ -20,7 +20,7 @@ _LEAST_SHARE = 1e-12
 
 @dataclass(frozen=True)
 class OffsetCauses:
-    """The offsets of rows: numbers (N,) of their causes, -1 for none, and stds (N,) in units of the cause.
+    """The offsets of rows: numbers (N, M) of the causes of each, and stds (N, M), negative where a cause is subtracted.
 
     The causes 0 to E - 1 have the ``covariance`` (E, E), all others are independent, with the variance 1.
     """
@@ -42,14 +42,14 @@ def offset_factors(causes: OffsetCauses, track: IntArray, tracks: int) -> FloatA
 
     A track has the unknowns of its own rows; those that it lacks change nothing.
     """
-    rows = np.flatnonzero((causes.number >= 0) & (causes.std > 0.0))
+    rows, column = np.nonzero(causes.std)
     if not rows.size:
         return np.zeros((causes.number.shape[0], 0))
-    span = int(causes.number.max()) + 1
-    pairs, pair = np.unique(track[rows] * span + causes.number[rows], return_inverse=True)
+    number, std = causes.number[rows, column], causes.std[rows, column]
+    span = int(number.max()) + 1
+    pairs, pair = np.unique(track[rows] * span + number, return_inverse=True)
     of_track, cause = pairs // span, pairs % span
-    first = np.searchsorted(of_track, np.arange(tracks))
-    within = np.arange(pairs.shape[0]) - first[of_track]
+    within = np.arange(pairs.shape[0]) - np.searchsorted(of_track, np.arange(tracks))[of_track]
     sets = np.full((tracks, int(within.max()) + 1), -1, dtype=np.int64)
     sets[of_track, within] = cause
     distinct, which = np.unique(sets, axis=0, return_inverse=True)
@@ -57,9 +57,12 @@ def offset_factors(causes: OffsetCauses, track: IntArray, tracks: int) -> FloatA
     table = np.zeros((len(roots), sets.shape[1], max(root.shape[1] for root in roots)))
     for entry, root in zip(table, roots, strict=True):
         entry[: root.shape[0], : root.shape[1]] = root
-    factors = np.zeros((causes.number.shape[0], table.shape[2]))
-    factors[rows] = causes.std[rows, None] * table[which.reshape(-1)[of_track[pair]], within[pair]]
-    return factors
+    factors = np.zeros((*causes.number.shape, table.shape[2]))
+    factors[rows, column] = std[:, None] * table[which.reshape(-1)[of_track[pair]], within[pair]]
+    total = factors[:, 0]
+    for further in range(1, factors.shape[1]):
+        total = total + factors[:, further]
+    return np.asarray(total)
 
 
 def _root(covariance: FloatArray) -> FloatArray:

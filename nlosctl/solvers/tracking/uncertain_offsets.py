@@ -38,7 +38,7 @@ class UncertainRows(Protocol):
 
     @property
     def causes(self) -> Sequence[Sequence[OffsetCauses]]:
-        """The causes of the offsets of each block's rows, in the order of the file (B K,), by quantity."""
+        """The causes of the offsets of each block's rows, in the order of the file (B K, M), by quantity."""
         ...
 
     def widened(self) -> Sequence[FollowedRows]:

@@ -68,12 +68,13 @@ def changed_estimates(estimates: Estimates, changes: Changes, batch: Any, option
     """Return the estimates with their changes; ``ranks``: ordered by cost, and ambiguous by it, too."""
     chosen = changes.chosen
     covariance, columns = estimates.covariance_m2.copy(), dict(estimates.columns)
-    count = changes.covariance.shape[1] - ("offset_std_m" in columns)
+    has_offset = "offset_std_m" in columns and batch.reference_xy_m is None  # independent differences have none
+    count = changes.covariance.shape[1] - has_offset
     entries = [(i, j) for i in range(count) for j in range(i + 1)]
     covariance[chosen, : len(entries)] = np.stack([changes.covariance[:, i, j] for i, j in entries], axis=1)
     replaced: dict[str, Any] = {"covariance_m2": covariance, "position_m": estimates.position_m.copy()}
     replaced["position_m"][chosen] = changes.position_m
-    if "offset_std_m" in columns:
+    if has_offset:
         columns |= _offset_columns(columns, changes, batch, estimates.row[chosen], count)
     for field, values in (("cost", changes.cost), ("chi_square", changes.chi_square)):
         array = getattr(estimates, field)
