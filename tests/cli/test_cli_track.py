@@ -112,7 +112,9 @@ def test_messages(cli: Cli, tmp_path: Path, words: list[str], code: int, message
 def test_faults_of_the_table(cli: Cli, tmp_path: Path) -> None:
     """No times, a time that can't be read, several methods in a track: one line with the cure."""
     write_fixes(tmp_path, HEAD.replace("time_s", "second"))
-    assert "no column 'time_s' or 'time'" in cli("track", "fixes.csv", "-p", "acceleration_psd=1").err
+    err = cli("track", "fixes.csv", "-p", "acceleration_psd=1").err
+    assert "no column 'time_s' or 'time'" in err
+    assert "localize the measurements again with --carry time_s (or time)" in err
     head = "method,time_s,x_m,y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2"
     (tmp_path / "m.csv").write_text(f"{head}\nml,0,1,2,1,0,1\nls,1,2,2,1,0,1\n")
     err = cli("track", "m.csv", "-p", "acceleration_psd=1").err

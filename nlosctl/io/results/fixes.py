@@ -30,6 +30,9 @@ from nlosctl.io.results.reader import PlainReader
 __all__ = ["FixTable", "are_fixes", "column_names", "read_fixes"]
 
 _NUMBERED = ("method", "target")
+_FROM_MEASUREMENTS = (
+    ", or localize the measurements again with `carry` time_s (or time), which keeps the mean time of each snapshot"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +124,7 @@ def read_fixes(
                 raise DataError(
                     f"{given.name}: `by` {name}: no column {name!r}{near}. The file has: {', '.join(names)}"
                 )
-        times = time_column(names, given.name, names, "the states of a track")
+        times = time_column(names, given.name, names, "the states of a track", _FROM_MEASUREMENTS)
         table = _all_rows(reader, given, most_rows)
     best = _best(table)
     further = table.num_rows - int(best.sum())

@@ -44,10 +44,10 @@ def columns_of_windows(
     return times, None if extra is None else (*extra, times, *options.by)
 
 
-def time_column(names: Sequence[str], file: str, header: Sequence[str], purpose: str = "times") -> str:
+def time_column(names: Sequence[str], file: str, header: Sequence[str], purpose: str = "times", cure: str = "") -> str:
     """Return which of the columns of times a file with the columns ``names`` has; raise DataError for none or both.
 
-    ``purpose`` states in messages what needs them.
+    ``purpose`` states in messages what needs them, ``cure`` how else to get them.
     """
     given = [column.name for column in TIMES if column.name in names]
     if len(given) > 1:
@@ -55,7 +55,7 @@ def time_column(names: Sequence[str], file: str, header: Sequence[str], purpose:
     if not given:
         raise DataError(
             f"{file}: no column 'time_s' or 'time'{_near(header)}, which {purpose} need; rename one with `columns` "
-            f"time_s=HEADER (seconds) or time=HEADER (ISO 8601). The file has: {', '.join(header)}"
+            f"time_s=HEADER (seconds) or time=HEADER (ISO 8601){cure}. The file has: {', '.join(header)}"
         )
     return given[0]
 
