@@ -38,6 +38,9 @@ class Batch:
     the target with the standard deviation ``target_z_std_m`` (B,); both are None if no snapshot has one. Within a
     batch either all heights are held exactly (all standard deviations 0, see `height_held`), or none.
 
+    ``elapsed_s`` (B, K) are the times of rows after the mean time of those of their snapshot, None unless a method
+    estimates velocities: one whose `MethodSpec.all_estimate_columns` include ``time_s`` gets them.
+
     ``STDS`` names the arrays of standard deviations, ``SOURCES`` the input columns of each array, ``SPACE_SOURCES``
     those that only batches in space have, ``ABSENT`` the value that fills an array if the input lacks its columns; an
     array that is not in ``ABSENT`` is None then. ``OPTIONAL_SOURCES`` are further ones, which few files have.
@@ -46,7 +49,7 @@ class Batch:
     """
 
     SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    OPTIONAL_SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    OPTIONAL_SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {"elapsed_s": ("elapsed_s",)}
     SPACE_SOURCES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     ABSENT: ClassVar[Mapping[str, float]] = {}
     STDS: ClassVar[tuple[str, ...]] = ()
@@ -62,6 +65,7 @@ class Batch:
     dimension: int = 2
     target_z_m: FloatArray | None = None
     target_z_std_m: FloatArray | None = None
+    elapsed_s: FloatArray | None = None
 
     @property
     def size(self) -> int:

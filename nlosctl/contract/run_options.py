@@ -60,7 +60,7 @@ class InputOptions:
     that names the setting ``estimate_std``) or ``unit`` (1 in every row). ``speed_m_s`` makes lengths of arrival times,
     also of the constant ``arrival_std_s``, which becomes ``arrival_std_m``; its ``speed_std_m_s`` is one scale error of
     all arrivals of a snapshot. ``window`` makes snapshots of times: `nlosctl.io.measurements.windows`; chunks keep the
-    rows' times with ``keep_times``. Rows of any number of targets are ``unlabelled``: always, or if columns mark them.
+    rows' times for ``keep_times`` (track, motion). Rows of any number of targets are ``unlabelled``: always or marked.
     """
 
     input_format: str | None = option(
@@ -133,7 +133,7 @@ class InputOptions:
     extra_columns: Sequence[str] | None = None
     missing_std: str = "error"
     unlabelled: str = ""
-    keep_times: bool = False
+    keep_times: str = ""
     chunk_rows: int = field(default_factory=partial(size, "chunk_rows"))
     use_threads: bool = True
 

@@ -8,6 +8,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from nlosctl.contract.formats import Places
+from nlosctl.contract.tables import has_states
 
 __all__ = ["TrackLine", "TrackLines", "are_states", "iso_time"]
 
@@ -53,7 +54,7 @@ class TrackLines:
 
 def are_states(places: Places) -> bool:
     """Return whether the estimates are states of tracks."""
-    return {"time_s", "vx_m_s"} <= places.columns.keys()
+    return has_states(places.columns)
 
 
 def iso_time(time_s: float) -> str:

@@ -57,6 +57,7 @@ def solve(
         use_threads=options.jobs != 1,
         missing_std=_missing_std(job, options),
         unlabelled="always" if job == "identify-los" else "",
+        keep_times="motion" if _needs_times(options) else "",
         extra_columns=read.extra_columns if "flags" in wanted else carried_names((*write.carry, *read.by)),
     )
     with naming_importer(inputs):
@@ -91,6 +92,12 @@ def _missing_std(job: Job, options: SolveOptions) -> str:
     if options.estimate_std is not None:
         return "unit"
     return "estimable" if job == "localize" else "error"
+
+
+def _needs_times(options: SolveOptions) -> bool:
+    """Return whether a method estimates velocities: whether it has the parameter ``motion``, other than none."""
+    given = {**options.parameters, **options.sweep}
+    return any(name.rpartition(":")[2] == "motion" and value != "none" for name, value in given.items())
 
 
 def _may_need_passes(options: SolveOptions) -> bool:

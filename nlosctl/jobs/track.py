@@ -132,7 +132,11 @@ def _track_measurements(
     by = tuple(read.by)
     used = None if "flags" in destination.wanted else carried_names((*write.carry, *by))
     read = dataclasses.replace(
-        read, keep_times=True, by=() if read.window is None else by, extra_columns=used, use_threads=options.jobs != 1
+        read,
+        keep_times="track",
+        by=() if read.window is None else by,
+        extra_columns=used,
+        use_threads=options.jobs != 1,
     )
     with open_measurements(sources, read, write, destination) as opened:
         require_columns(by, opened.reader)

@@ -12,6 +12,7 @@ from nlosctl.contract.batches import BearingBatch
 from nlosctl.contract.methods import LEAST_HALF_CHI_SQUARE, MethodSpec
 from nlosctl.contract.options import option
 from nlosctl.contract.results import Solution
+from nlosctl.contract.tables import OF_MOVING
 from nlosctl.errors import UsageError
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.models.bearings import SightLines
@@ -27,6 +28,7 @@ from nlosctl.solvers.bearings.ranked_optima import finish_alternatives
 from nlosctl.solvers.bearings.row_terms import DirectBearings
 from nlosctl.solvers.bearings.von_mises import fit_von_mises
 from nlosctl.solvers.optimization.point_costs import cost_at_points, cost_point_by_point, spread_m
+from nlosctl.solvers.tracking.moving_fix import solve_moving_bearings
 from nlosctl.solvers.tracking.path_rows import PathRows
 from nlosctl.solvers.tracking.trusted_rows import trusted_bearings
 
@@ -60,6 +62,9 @@ class MaximumLikelihoodOptions:
         "gaussian",
         meaning="distribution of bearing errors; vonmises: Lenth's estimate, with the concentration of the residuals",
     )
+    motion: Literal["none", "velocity"] = option(
+        "none", meaning="motion of the source within a snapshot; velocity: one velocity, by the times of rows"
+    )
 
 
 def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
@@ -71,8 +76,10 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
     starts from the crossings of all pairs of rays too, and up to 10 distinct optima are returned, best first. Ranges,
     where present, enter the likelihood, and the search starts from the crossings of their circles too; a mirrored row's
     range is the unfolded length. In space the search starts from the least-squares fix and from Stansfield's, with
-    ranges from the rays' ends too.
+    ranges from the rays' ends too. With ``motion`` the unknowns are position and velocity: `solve_moving_bearings`.
     """
+    if options.motion == "velocity":
+        return _solve_moving(batch, options)
     lines = bearing_lines(batch)
     first = fit_least_squares(lines)
     lines = with_independent_errors(lines, first)
@@ -81,9 +88,7 @@ def solve(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
     if options.law == "vonmises":
         return _solve_von_mises(batch, lines, start, first.normal, options, with_ranges=ranges is not None)
     starts, normal = [first.point, start.point], first.normal
-    within = options.ambiguous_within
-    if within is None:
-        within = _BEARINGS_ALONE if ranges is None else _WITH_RANGES
+    within = _default_within(options, ranges)
     if ranges is not None and isinstance(lines, SpaceLines):
         lines, ends, normal = ranged_lines(lines, *ranges, lognormal=options.range_noise == "lognormal")
         starts += ends
@@ -157,8 +162,32 @@ def _solve_von_mises(
     )
 
 
+def _solve_moving(batch: BearingBatch, options: MaximumLikelihoodOptions) -> Solution:
+    """Solve a batch of sources that move; raises UsageError for options that have no model of motion."""
+    for name, is_set in (("law=vonmises", options.law == "vonmises"), ("feasible=true", options.feasible)):
+        if is_set:
+            raise UsageError(f"motion=velocity can't be combined with {name}; leave out one of them")
+    return solve_moving_bearings(
+        batch,
+        use_ranges=options.use_ranges,
+        lognormal=options.range_noise == "lognormal",
+        min_range_m=options.min_range_m,
+        ambiguous_within=_default_within(options, range_columns(batch, options.use_ranges)),
+        max_iterations=options.max_iterations,
+    )
+
+
+def _default_within(options: MaximumLikelihoodOptions, ranges: Any) -> float:
+    """Return the nats within which an optimum makes another ambiguous."""
+    if options.ambiguous_within is not None:
+        return options.ambiguous_within
+    return _BEARINGS_ALONE if ranges is None else _WITH_RANGES
+
+
 def _path_rows(batch: BearingBatch, options: MaximumLikelihoodOptions) -> PathRows:
-    """Return the rows of a path; raises UsageError for another law of the errors."""
+    """Return the rows of a path; raises UsageError for another law of the errors, or another motion."""
+    if options.motion != "none":
+        raise UsageError("motion=velocity is for localize; a track has its own motion: leave it out")
     if options.law != "gaussian":
         raise UsageError(f"law={options.law} has no tracks; leave out law={options.law}")
     return trusted_bearings(batch, use_ranges=options.use_ranges, lognormal=options.range_noise == "lognormal")
@@ -166,6 +195,8 @@ def _path_rows(batch: BearingBatch, options: MaximumLikelihoodOptions) -> PathRo
 
 def _cost_at(batch: BearingBatch, options: MaximumLikelihoodOptions, points: Point, cell_m: float) -> FloatArray:
     """Return half the chi-square (B, P) at points, or of cells; in space and by circles always at points."""
+    if options.motion != "none":
+        raise UsageError("a posterior is of sources at rest; leave out motion=velocity")
     if options.law == "vonmises":
         raise UsageError("a posterior under law=vonmises has no model; leave out law=vonmises")
     lines: Any = bearing_lines(batch)
@@ -188,8 +219,9 @@ def _cost_at(batch: BearingBatch, options: MaximumLikelihoodOptions, points: Poi
     return cost
 
 
-def _std_columns(options: MaximumLikelihoodOptions) -> tuple[str, ...]:
-    return ("std_factor", "std_dof") if options.law == "vonmises" else ()
+def _further_columns(options: MaximumLikelihoodOptions) -> tuple[str, ...]:
+    of_law = ("std_factor", "std_dof") if options.law == "vonmises" else ()
+    return of_law + (OF_MOVING if options.motion == "velocity" else ())
 
 
 def _std_fault(options: MaximumLikelihoodOptions, pool: str) -> str:
@@ -215,7 +247,7 @@ METHOD = MethodSpec(
     dimensions=(2, 3),
     std_fault=_std_fault,
     cost_at=_cost_at,
-    estimate_columns_with=_std_columns,
+    estimate_columns_with=_further_columns,
     reads=frozenset({"range_m", "range_std_m"}),
     path_rows=_path_rows,
 )

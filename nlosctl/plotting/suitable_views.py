@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from nlosctl.contract.tables import has_states
 from nlosctl.io.results.plot_inputs import PlotInput
 
 __all__ = ["suitable_views"]
@@ -45,7 +46,7 @@ def _views(files: Sequence[PlotInput], contents: set[str]) -> list[str]:
         by_error = (["sweep"] if swept and has_truth else []) + (["cdf"] if has_truth else [])
         if "bound" in contents:
             return by_error[:1] if swept else []
-        tracks = ["tracks"] if len(files) == 1 and {"time_s", "vx_m_s"} <= names[0] else []
+        tracks = ["tracks"] if len(files) == 1 and has_states(names[0]) else []
         if swept:
             return [*by_error[:1], "estimates", *by_error[1:], "scene"]
         return [*tracks, "estimates", *by_error, "scene"]

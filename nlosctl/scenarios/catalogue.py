@@ -33,6 +33,7 @@ _MODULES = {
     "ring": "nlosctl.scenarios.ring",
     "room": "nlosctl.scenarios.room",
     "shen": "nlosctl.scenarios.shen",
+    "ship": "nlosctl.scenarios.ship",
     "single-station": "nlosctl.scenarios.single_station",
     "skywave": "nlosctl.scenarios.skywave",
     "song-circle": "nlosctl.scenarios.song_circle",

@@ -25,6 +25,7 @@ OTHER_KINDS = [
     "ranges",
     "room",
     "shen",
+    "ship",
     "single-station",
     "skywave",
     "space-ring",

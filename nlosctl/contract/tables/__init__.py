@@ -11,7 +11,7 @@ from nlosctl.contract.tables.bearings_ranges import BEARINGS, RANGES
 from nlosctl.contract.tables.bound import BOUND
 from nlosctl.contract.tables.calibration import CALIBRATION, DEVIATIONS
 from nlosctl.contract.tables.columns import SWEEP_PREFIX, Column, ColumnType, Spelling, Table, is_swept
-from nlosctl.contract.tables.motion import FIXES, PART, TRACK, VELOCITY
+from nlosctl.contract.tables.motion import FIXES, OF_MOVING, PART, TRACK, VELOCITY, has_states
 from nlosctl.contract.tables.posterior import POSTERIOR
 from nlosctl.contract.tables.results import ESTIMATES, FLAGS, TRUTH
 from nlosctl.contract.tables.scores import SCORES
@@ -33,6 +33,7 @@ __all__ = [
     "FIXES",
     "FLAGS",
     "KINDS",
+    "OF_MOVING",
     "PART",
     "POSTERIOR",
     "RANGES",
@@ -52,6 +53,7 @@ __all__ = [
     "azimuth_units",
     "contract_names",
     "declared_type",
+    "has_states",
     "is_swept",
     "measured_names",
     "result_table",

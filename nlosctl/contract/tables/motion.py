@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from nlosctl.contract.tables.columns import Column, Table
 
-__all__ = ["FIXES", "PART", "TRACK", "VELOCITY"]
+__all__ = ["FIXES", "OF_MOVING", "PART", "TRACK", "VELOCITY", "has_states"]
 
 _WORDS = {"x": "to x", "y": "to y", "z": "up, in three dimensions"}
 
@@ -33,6 +35,15 @@ VELOCITY = (
     ),
 )
 """Velocities and their covariances, those of three dimensions last of each."""
+
+OF_MOVING = ("time_s", *(column.name for column in VELOCITY))
+"""The columns of estimates of sources that move within a snapshot: a method that fills them gets the times of rows."""
+
+
+def has_states(names: Collection[str]) -> bool:
+    """Return whether estimates with the columns ``names`` are states of tracks, which have a covariance kind."""
+    return {"time_s", "vx_m_s", "covariance_kind"} <= set(names)
+
 
 PART = Column(
     name="part",

@@ -65,7 +65,7 @@ ESTIMATES = Table(
             type="number",
             unit="s",
             nullable=True,
-            meaning="mean time of the rows kept in a window, or of the rows of a state of a track",
+            meaning="mean time of the rows kept in a window, of a state of a track, or of a source that moves",
         ),
         PART,
         TRACK,

@@ -240,7 +240,7 @@ class _Snapshots:
     ) -> None:
         self._input, self._survey, self._tally, self._names = given, survey, tally, names
         self._column = options.columns.get(SNAPSHOT, SNAPSHOT)
-        self._most_rows, self._keeps_times = options.max_snapshot_rows, options.keep_times
+        self._most_rows, self._keeps_times = options.max_snapshot_rows, bool(options.keep_times)
         self._index = SnapshotIndex()
         self._pending: list[RowBatch] = []
         self._last: Any = None

@@ -229,7 +229,7 @@ def planned(
     if table is None and options.unlabelled:
         table = unlabelled_table(options, [*file.names, *options.columns])
     table = table or kind_table(options.kind or kind_of_columns([*file.names, *options.columns], given))
-    needs_times = bool(scene.time_column) or options.window is not None or options.keep_times
+    needs_times = bool(scene.time_column) or options.window is not None or bool(options.keep_times)
     table = table.with_further(times=needs_times, headings=getattr(options.calibration, "harmonics", 0) > 0)
     names = rename(file.names, options.columns, table, part.name) if options.columns else tuple(file.names)
     remarks: Sequence[str] = ()

@@ -15,7 +15,7 @@ from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.limits import LARGEST_NUMBER
 from nlosctl.contract.scene import parse_frame
 from nlosctl.contract.statuses import Status
-from nlosctl.contract.tables import TRUTH_HEIGHT
+from nlosctl.contract.tables import TRUTH_HEIGHT, has_states
 from nlosctl.errors import DataError
 from nlosctl.io.results.layouts import COVARIANCE, OF_SPACE, POSITION, TRUTH_NAMES
 from nlosctl.io.results.truth_table import TruthTable
@@ -81,7 +81,7 @@ def estimate_arrays(table: Any, truth: TruthTable | None, name: str) -> Estimate
         alternative=np.asarray(table.column("alternative")).astype(np.int64),
         **fit_arrays(table),
         std_dof=numbers(table.column("std_dof")) if "std_dof" in table.column_names else None,
-        time_s=numbers(table.column("time_s")) if {"time_s", "vx_m_s"} <= set(table.column_names) else None,
+        time_s=numbers(table.column("time_s")) if has_states(table.column_names) else None,
     )
 
 

@@ -14,7 +14,7 @@ from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.measurements.row_checks import TICKS
 from nlosctl.io.results.evaluation_arrays import numbers
 
-__all__ = ["mean_ticks", "mean_times", "one_row_each"]
+__all__ = ["elapsed_times", "mean_ticks", "mean_times", "mean_truth", "one_row_each"]
 
 _MEAN = ("truth_x_m", "truth_y_m", "truth_z_m", "truth_lat_deg", "truth_lon_deg")
 
@@ -36,6 +36,14 @@ def one_row_each(chunk: Chunk, names: Sequence[str]) -> Chunk:
         left_out=np.zeros(len(chunk.snapshot), dtype=np.bool_),
         source=chunk.source,
     )
+
+
+def mean_truth(chunk: Chunk) -> dict[str, Any]:
+    """Return the columns of true positions that a chunk has, by name: in each row (N,) the mean of its snapshot."""
+    names = [name for name in _MEAN if name in chunk.table.column_names]
+    rows = pa.array(np.repeat(np.arange(len(chunk.snapshot)), np.diff(chunk.offsets)))
+    means = one_row_each(chunk, names).table
+    return {name: means.column(name).take(rows) for name in names}
 
 
 def _means(values: FloatArray, first: Any, chunk: Chunk) -> Any:
@@ -73,3 +81,11 @@ def mean_times(chunk: Chunk, column: str) -> FloatArray:
     first, mean = mean_ticks(chunk)
     whole, rest = np.divmod(first, TICKS_PER_SECOND[column])
     return np.asarray(whole + (rest + mean) / TICKS_PER_SECOND[column])
+
+
+def elapsed_times(chunk: Chunk, column: str) -> FloatArray:
+    """Return the times (N,) in seconds of rows after the mean of those of their snapshot that take part."""
+    first, mean = mean_ticks(chunk)
+    counts = np.diff(chunk.offsets)
+    ticks = (chunk.columns[TICKS] - np.repeat(first, counts)) - np.repeat(mean, counts)
+    return np.asarray(ticks / TICKS_PER_SECOND[column])

@@ -186,9 +186,12 @@ class UnfoldedRays(OpenSky):
     def ends(self, measured_m: FloatArray) -> Vector:
         """Return the ends (B, K) of the rays at ranges; NaN without a range or an elevation."""
         reach_m = np.where(self.angles.has_elevation > 0.0, measured_m, np.nan)
-        rays = zip(self.origin, self._from_sensor(self.angles.directions()), strict=True)
-        x, y, z = (origin + reach_m * ray for origin, ray in rays)
+        x, y, z = (origin + reach_m * ray for origin, ray in zip(self.origin, self.directions(), strict=True))
         return x, y, z
+
+    def directions(self) -> tuple[FloatArray, ...]:
+        """Return the unit vectors (B, K) of the unfolded rays, level in a row without an elevation."""
+        return self._from_sensor(self.angles.directions())
 
     def first_leg_m(self) -> FloatArray:
         """Return how far (B, K) along unfolded rays the points begin from which rows may come: 0."""

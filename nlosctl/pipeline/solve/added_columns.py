@@ -201,6 +201,8 @@ def _dilution(geometry: SymmetricMatrix, part: str) -> FloatArray:
 
 
 def _gdop_fault(reader: MeasurementReader, runs: Runs) -> str:
+    if reader.options.keep_times:
+        return "is of a source at rest; leave out one of it and motion=velocity"
     if reader.kind in UNIT_INFORMATION and all(run.spec.job == "localize" for run in runs):
         return ""
     return f"there for 'localize' of {' and '.join(UNIT_INFORMATION)}, where a snapshot is of one source"

@@ -11,6 +11,7 @@ from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.pipeline.solve.method_runs import MethodRun
+from nlosctl.pipeline.solve.motion.moving_sources import estimates_velocity
 from nlosctl.pipeline.solve.report import RunReport
 
 __all__ = ["Measured", "advice", "offers_mixture"]
@@ -121,6 +122,11 @@ def _few_rows(runs: Sequence[MethodRun], report: RunReport, snapshot_column: str
 
 
 def _of_status(runs: Sequence[MethodRun], report: RunReport, status: Status) -> str:
+    if status == Status.DEGENERATE and any(map(estimates_velocity, runs)):
+        return (
+            "positions and velocities are not observable: bearings of one moving sensor need a turn of it within each "
+            "snapshot, and rows of sensors at rest those of two or more"
+        )
     if status == Status.BEHIND and offers_mixture(runs, report):
         return "the lines meet behind sensors; if some bearings are outliers, try `method` mixture-ml"
     if status == Status.NO_CONSENSUS and report.largest_snapshot < _FEWEST_CONVINCING:
@@ -133,6 +139,8 @@ def _of_status(runs: Sequence[MethodRun], report: RunReport, status: Status) -> 
 
 def offers_mixture(runs: Sequence[MethodRun], report: RunReport) -> bool:
     """Return whether mixture-ml exists for the kind and job of the runs, did not run, and could find an outlier."""
+    if any(map(estimates_velocity, runs)):
+        return False
     if "mixture-ml" in {run.spec.name for run in runs} or report.largest_snapshot < _FEWEST_WITH_OUTLIER:
         return False
     known = [entry for entry in registry.entries() if entry.full_name == f"{report.kind}.mixture-ml"]

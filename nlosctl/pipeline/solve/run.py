@@ -166,8 +166,7 @@ class MeasurementRun:
             names.add("covariance_kind")
         for run in self._runs:
             names.update(run.spec.all_estimate_columns(run.options, self.reader.dimension))
-        names.update(() if self._options.estimate_std is None else ("std_factor", "std_dof"))
-        return frozenset(names)
+        return frozenset(names.union(() if self._options.estimate_std is None else ("std_factor", "std_dof")))
 
     def _wanted_layouts(self) -> dict[str, Any]:
         reader, sweeps, methods = self.reader, None, tuple(run.spec.name for run in self._runs)
@@ -220,6 +219,12 @@ class MeasurementRun:
     def _solve(self, chunk: Chunk) -> tuple[ChunkTables, dict[str, Any]]:
         """Return the tables of a chunk, and its counts."""
         write, chunk = self._write, with_target_heights(chunk, self.reader.dimension, self._options)
+        at_mean = chunk
+        if self.reader.options.keep_times:
+            from nlosctl.pipeline.solve.motion.moving_sources import at_mean_time, with_row_times
+
+            chunk = with_row_times(chunk, self.reader)
+            at_mean = at_mean_time(chunk)
         if self.reader.scene.reflectors:
             from nlosctl.pipeline.solve.reflected_ranges import refuse_reflected_ranges
 
@@ -229,9 +234,9 @@ class MeasurementRun:
         if "estimates" in self._layouts and solution.estimates is not None:
             estimates = solution.estimates
             if self._optional - {"covariance_kind", "std_factor", "std_dof"}:
-                columns = further_columns(self._solver, chunk, solution, write.ellipse, write.add)
+                columns = further_columns(self._solver, at_mean, solution, write.ellipse, write.add)
                 estimates = dataclasses.replace(estimates, columns={**estimates.columns, **columns})
-            named["estimates"] = self._layouts["estimates"].table(estimates, chunk)
+            named["estimates"] = self._layouts["estimates"].table(estimates, at_mean)
         if "flags" in self._layouts:
             named["flags"] = self._layouts["flags"].table(solution.flags, chunk)
         if solution.trace is not None:
@@ -270,22 +275,19 @@ class MeasurementRun:
                 tally.add_verdicts(solution.flags[number].columns)
             if tally.residuals is not None:
                 add_residuals(tally.residuals, chunk, solution, number, self.reader.kind)
-        self._count_lone_rows(chunk, solution, report)
+        robust = [(n, report.methods[run.label]) for n, run in enumerate(self._runs) if hasattr(run.options, "alpha")]
+        if robust and solution.estimates is not None:
+            from nlosctl.pipeline.solve.outlier_shares import count_lone_rows
+
+            count_lone_rows(robust, chunk, solution.estimates)
         suspect = any(report.methods[run.label].mostly_bad for run in self._runs if run.spec.job != "identify-los")
-        if suspect and self.reader.dimension == 2:
+        if suspect and self.reader.dimension == 2 and not self.reader.options.keep_times:
             from nlosctl.pipeline.solve.likely_causes import fit_after_changes
 
             report.refits.update(fit_after_changes(chunk, self.reader))
         if self.reader.dimension == 2 and frame is not None and solution.estimates is not None:
             report.flat_plane = flat_plane_errors(frame, self.reader.kind, chunk, solution.estimates)
         return report.counts()
-
-    def _count_lone_rows(self, chunk: Chunk, solution: ChunkSolution, report: RunReport) -> None:
-        methods = [(n, report.methods[run.label]) for n, run in enumerate(self._runs) if hasattr(run.options, "alpha")]
-        if methods and solution.estimates is not None:
-            from nlosctl.pipeline.solve.outlier_shares import count_lone_rows
-
-            count_lone_rows(methods, chunk, solution.estimates)
 
     def _finish(self) -> None:
         read = self.reader.report

@@ -112,8 +112,12 @@ def has_geometry_stds(scene: Scene, names: Container[str]) -> bool:
 
 
 def check_geometry(reader: MeasurementReader, runs: Sequence[MethodRun], options: SolveOptions) -> None:
-    """Raise UsageError for a dimension, or a geometry that is not exactly known, that the run has no model of."""
+    """Raise UsageError for a dimension, a motion, or a geometry not exactly known, that the run has no model of."""
     refuse_dimension(runs, reader.dimension, options.field)
+    if reader.options.keep_times:
+        from nlosctl.pipeline.solve.motion.moving_sources import check_motion
+
+        check_motion(reader, runs, options)
     if has_geometry_stds(reader.scene, reader.schema.names):
         from nlosctl.pipeline.solve.shared_causes.method_checks import refuse_uncertain
 

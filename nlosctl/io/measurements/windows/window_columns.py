@@ -8,10 +8,17 @@ from collections.abc import Sequence
 from nlosctl.contract.run_options import InputOptions
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.tables.shared import TIMES
-from nlosctl.errors import DataError, did_you_mean
+from nlosctl.errors import DataError, NlosctlError, UsageError, did_you_mean
 from nlosctl.io.measurements.column_mapping import SNAPSHOT
 
 __all__ = ["columns_of_windows", "time_column"]
+
+
+_NEEDS_TIMES: dict[str, tuple[str, type[NlosctlError]]] = {
+    "track": ("tracks, of measurements or of estimates (x_m, y_m, cov_xx_m2, ...),", DataError),
+    "motion": ("velocities (motion=velocity)", UsageError),
+}
+"""What needs times, and the error without them, by `InputOptions.keep_times`."""
 
 
 def columns_of_windows(
@@ -33,8 +40,8 @@ def columns_of_windows(
             )
     of_scene = scene.time_column and options.window is None
     purpose = "'from' and 'to' of the scene's sensors" if of_scene else "times"
-    purpose = "tracks, of measurements or of estimates (x_m, y_m, cov_xx_m2, ...)," if options.keep_times else purpose
-    extra, times = options.extra_columns, time_column(names, file, header, purpose)
+    purpose, fault = _NEEDS_TIMES.get(options.keep_times, (purpose, DataError))
+    extra, times = options.extra_columns, time_column(names, file, header, purpose, fault=fault)
     if scene.time_column and scene.time_column != times:
         kinds = {"time": "date-times", "time_s": "numbers"}
         raise DataError(
@@ -44,16 +51,23 @@ def columns_of_windows(
     return times, None if extra is None else (*extra, times, *options.by)
 
 
-def time_column(names: Sequence[str], file: str, header: Sequence[str], purpose: str = "times", cure: str = "") -> str:
-    """Return which of the columns of times a file with the columns ``names`` has; raise DataError for none or both.
+def time_column(
+    names: Sequence[str],
+    file: str,
+    header: Sequence[str],
+    purpose: str = "times",
+    cure: str = "",
+    fault: type[NlosctlError] = DataError,
+) -> str:
+    """Return which of the columns of times a file with the columns ``names`` has; raise DataError for both.
 
-    ``purpose`` states in messages what needs them, ``cure`` how else to get them.
+    Without any the ``fault`` is raised. ``purpose`` states in messages what needs them, ``cure`` how else to get them.
     """
     given = [column.name for column in TIMES if column.name in names]
     if len(given) > 1:
         raise DataError(f"{file}: columns 'time_s' and 'time' are both times; drop or rename one")
     if not given:
-        raise DataError(
+        raise fault(
             f"{file}: no column 'time_s' or 'time'{_near(header)}, which {purpose} need; rename one with `columns` "
             f"time_s=HEADER (seconds) or time=HEADER (ISO 8601){cure}. The file has: {', '.join(header)}"
         )
