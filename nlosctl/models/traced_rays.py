@@ -1,4 +1,4 @@
-"""Rays traced back from a sensor over its reflector, along a bearing or as far as a range. Only `plot` uses them."""
+"""Rays traced back from a sensor over its reflector, along a bearing or as far as a range. Only pictures use them."""
 
 from __future__ import annotations
 
@@ -12,10 +12,20 @@ from nlosctl.geometry.circles import leave_circle
 from nlosctl.geometry.lines import crosses_segment, reflect_direction
 from nlosctl.models.ranges.predictions import predict_ranges
 
-__all__ = ["TracedRays", "path_points_in_space", "path_spheroid", "points_at_range", "trace_back", "trace_in_space"]
+__all__ = [
+    "TracedRays",
+    "path_points_in_space",
+    "path_spheroid",
+    "points_at_range",
+    "ray_paths",
+    "trace_back",
+    "trace_in_space",
+]
 
 _DIRECTIONS = 2881
 _SAME_LENGTH = 1e-6
+_BEYOND = 1.12
+_AWAY = 0.25
 
 
 @dataclass(frozen=True)
@@ -59,6 +69,29 @@ def trace_back(sensor_m: FloatArray, bearing_rad: FloatArray, reflector: Reflect
     hit = sensor_m + distance[:, None] * np.stack([cosine, sine], axis=-1)
     direction = reflect_direction(bearing_rad, np.arctan2(along_y, along_x))
     return TracedRays(hit, np.where(np.isnan(distance), np.nan, direction))
+
+
+def ray_paths(
+    sensor_m: FloatArray, bearing_rad: FloatArray, reflector: Reflector | None, low_m: FloatArray, high_m: FloatArray
+) -> FloatArray:
+    """Return the corners (N, 3, 2) of rays: sensor, reflection point (or sensor again), end a little beyond a box.
+
+    The box has the corners ``low_m`` and ``high_m`` (2,). A ray that leads away from it ends after a quarter of its
+    span; one that misses its mirror is straight.
+    """
+    rays = trace_back(sensor_m, bearing_rad, reflector)
+    missed = np.asarray(~np.isfinite(rays.hit_m).all(axis=1))
+    hit = np.where(missed[:, None], sensor_m, rays.hit_m)
+    direction = np.where(missed, bearing_rad, rays.direction_rad)
+    along = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
+    corners = np.array(np.meshgrid(*zip(low_m, high_m, strict=True))).reshape(2, -1).T
+    offset = corners[:, None] - hit
+    reach = np.max(offset[..., 0] * along[:, 0] + offset[..., 1] * along[:, 1], axis=0, initial=0.0)
+    distance = np.hypot(*(0.5 * (low_m + high_m) - hit).T)
+    span = float(np.max(high_m - low_m))
+    away = _AWAY * (span if np.isfinite(span) and span > 0.0 else 1.0)
+    length = _BEYOND * np.maximum(reach, np.maximum(0.5 * distance, away))
+    return np.stack([sensor_m, hit, hit + length[:, None] * along], axis=1)
 
 
 def trace_in_space(sensor: FloatArray, along: FloatArray, reflector: Reflector | None) -> tuple[FloatArray, FloatArray]:

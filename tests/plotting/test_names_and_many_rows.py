@@ -17,12 +17,12 @@ from nlosctl.contract.scene import LineReflector
 from nlosctl.errors import UsageError
 from nlosctl.io.paths.inputs import expand_inputs
 from nlosctl.io.results.plot_inputs import PlotInput, open_plot_input
+from nlosctl.models.traced_rays import ray_paths
 from nlosctl.plotting.figures import figure_bytes, series_style, styles_by_part
 from nlosctl.plotting.library import Circle, Figure, LineCollection
 from nlosctl.plotting.plane import Extent
 from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.texts import plain
-from nlosctl.plotting.views.many_rows import ray_paths
 from nlosctl.plotting.views.pictures import draw_picture
 
 EVIL = ("$$", "$5 and $6", "\\evil{$", "a\x1b[31mb", "北京", "🦊 fox", "_hidden", "x" * 300, "a\nb", "\ud7ff<&>")
@@ -86,11 +86,13 @@ def test_rays_go_through_their_bearing_and_mirror() -> None:
     goal.include(np.array([[0.0, 0.0], [100.0, 50.0]]))
     sensor, bearing = np.array([[0.0, 0.0], [10.0, 0.0]]), np.radians([30.0, 120.0])
     along = np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
-    direct = ray_paths(sensor, bearing, None, goal)
+    direct = ray_paths(sensor, bearing, None, goal.low, goal.high)
     leg = direct[:, 2] - direct[:, 1]
     np.testing.assert_allclose(leg / np.hypot(*leg.T)[:, None], along, atol=1e-12)
     np.testing.assert_array_equal(direct[:, 1], sensor)
-    mirrored = ray_paths(sensor, bearing, LineReflector(name="m", point=(0.0, 10.0), direction=(1.0, 0.0)), goal)
+    mirrored = ray_paths(
+        sensor, bearing, LineReflector(name="m", point=(0.0, 10.0), direction=(1.0, 0.0)), goal.low, goal.high
+    )
     np.testing.assert_allclose(mirrored[:, 1, 1], 10.0)
     leg = mirrored[:, 2] - mirrored[:, 1]
     np.testing.assert_allclose(leg / np.hypot(*leg.T)[:, None], along * (1.0, -1.0), atol=1e-12)

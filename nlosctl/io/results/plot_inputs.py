@@ -7,7 +7,7 @@ import io
 import os
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from typing import IO, Any
@@ -37,10 +37,13 @@ __all__ = [
     "PlotInput",
     "PlotSnapshot",
     "SampledRows",
+    "as_array",
+    "is_sampled",
     "open_plot_input",
     "read_rows_of_snapshot",
     "read_sampled",
     "read_snapshot",
+    "with_missing_constants",
 ]
 
 Columns = dict[str, npt.NDArray[Any]]
@@ -63,6 +66,7 @@ class PlotInput:
     spool: IO[bytes] | None = None
     calibration: Calibration | None = None
     method: str = ""
+    metadata: Mapping[bytes, bytes] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -143,6 +147,7 @@ def open_plot_input(source: Input, read: InputOptions) -> PlotInput:
         scene=find_scene(read.scene if isinstance(read.scene, str) else None, metadata, opened.path),
         source=source,
         spool=spool,
+        metadata=metadata,
     )
 
 
@@ -161,12 +166,12 @@ def read_sampled(file: PlotInput, wanted: Sequence[str], limit: int | None) -> S
             continue
         total += table.num_rows
         numbers_of_rows, number, last = _snapshot_numbers(table, number, last)
-        chosen = _is_kept(numbers_of_rows, step)
+        chosen = is_sampled(numbers_of_rows, step)
         rows = table.select(names).filter(pa.array(chosen))
         kept.append({"": numbers_of_rows[chosen], **{name: as_array(rows.column(name)) for name in names}})
         while limit is not None and sum(part[""].shape[0] for part in kept) > limit and number >= step:
             step *= 2
-            kept = [_only(part, _is_kept(part[""], step)) for part in kept]
+            kept = [_only(part, is_sampled(part[""], step)) for part in kept]
     if not total:
         raise DataError(f"{file.name}: no rows")
     columns = {name: np.concatenate([part[name] for part in kept]) for name in names}
@@ -175,7 +180,7 @@ def read_sampled(file: PlotInput, wanted: Sequence[str], limit: int | None) -> S
 
 def read_snapshot(file: PlotInput, options: InputOptions, snapshot: str | None) -> PlotSnapshot:
     """Return the measurements of one snapshot (default: the first); raises DataError if it does not exist."""
-    reader = MeasurementReader([file.input()], _with_missing_constants(options))
+    reader = MeasurementReader([file.input()], with_missing_constants(options))
     try:
         for chunk in reader.chunks():
             ids = [str(word) for word in chunk.snapshot.to_pylist()]
@@ -201,7 +206,7 @@ def read_snapshot(file: PlotInput, options: InputOptions, snapshot: str | None) 
     raise DataError(f"{file.name}: no snapshot {snapshot!r}")
 
 
-def _with_missing_constants(options: InputOptions) -> InputOptions:
+def with_missing_constants(options: InputOptions) -> InputOptions:
     """Return the options with constants that give way to columns: all files of a figure share the options."""
     defaults = {**options.default_constants, **options.constants}
     return dataclasses.replace(options, constants={}, default_constants=defaults, unlabelled="marked")
@@ -256,7 +261,7 @@ def _snapshot_numbers(table: Any, number: int, last: Any) -> tuple[IntArray, int
     return rows, int(rows[-1]), ids[table.num_rows - 1].as_py()
 
 
-def _is_kept(number: IntArray, step: int) -> BoolArray:
+def is_sampled(number: IntArray, step: int) -> BoolArray:
     """Return which snapshots are in a sample of one in ``step`` (a power of 2).
 
     Those whose number times the golden ratio has a fraction below 1 / step: evenly spread, and without the aliasing of

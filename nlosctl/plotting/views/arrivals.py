@@ -3,91 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from nlosctl.arrays import FloatArray, IntArray
+from nlosctl.arrays import FloatArray
 from nlosctl.contract.scene import EarthFrame
-from nlosctl.io.measurements.completion.exact_numbers import REST
-from nlosctl.io.measurements.completion.references import FORM, Form
-from nlosctl.io.results.plot_inputs import PlotSnapshot
+from nlosctl.io.results.plotted_rows import Differences
 from nlosctl.io.scenes.places import errors_in, from_tangent_plane
 from nlosctl.models.sections import hyperbola_sections
 from nlosctl.plotting.library import Axes, Polygon
 from nlosctl.plotting.views.many_rows import MANY_ROWS
-from nlosctl.plotting.views.measured_rows import ROW_LOOKS, draw_row_curves, row_kinds, row_positions, without_std
+from nlosctl.plotting.views.measured_rows import ROW_LOOKS, draw_row_curves, without_std
 from nlosctl.plotting.views.two_views import across
 
-__all__ = ["Differences", "differences_of", "draw_hyperbolas", "draw_hyperbolas_on_earth"]
+__all__ = ["draw_hyperbolas", "draw_hyperbolas_on_earth"]
 
 _WITHIN = 1.0 - 1e-9
 """Share of the baseline to which the ends of +-1 std are limited: there the hyperbola becomes a ray."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Differences:
-    """Differences (N,) of arrivals to those at references; positions (N, D), kinds as keys of `ROW_LOOKS`.
-
-    ``std_m`` is the standard deviation of the difference.
-    """
-
-    sensor_m: FloatArray
-    reference_m: FloatArray
-    difference_m: FloatArray
-    std_m: FloatArray
-    kind: npt.NDArray[np.object_]
-
-    @property
-    def baseline_m(self) -> FloatArray:
-        """The distances (N,) between sensor and reference."""
-        return np.asarray(np.sqrt(np.sum((self.sensor_m - self.reference_m) ** 2, axis=1)))
-
-
-def differences_of(measured: PlotSnapshot) -> Differences:
-    """Return the differences of a snapshot: those of the file, or of its arrivals to one of them.
-
-    The reference of arrivals is the direct row of the smallest standard deviation, of these the earliest. A difference
-    is flagged, or not used, if one of its two rows is (independent differences are rows themselves). Rows of the
-    reference, or at its position, are left out.
-    """
-    columns, kinds = measured.columns, np.array(row_kinds(measured), dtype=object)
-    dimension = 3 if "sensor_z_m" in columns else 2
-    sensor = row_positions(measured, "sensor", dimension)
-    arrival = (columns["arrival_m"] - columns["arrival_m"].min()) + columns[REST]
-    std = columns["arrival_std_m"]
-    if FORM in columns and columns[FORM][0] == Form.OF_PAIRS:
-        reference, difference = row_positions(measured, "reference", dimension), columns["arrival_m"] + columns[REST]
-    elif "reference" in columns:
-        own = _reference_rows(columns)
-        reference = np.where((own >= 0)[:, None], sensor[own], row_positions(measured, "reference", dimension))
-        difference = columns["arrival_m"] + columns[REST]
-        std = np.hypot(std, np.where(own >= 0, std[own], columns["reference_std_m"]))
-        kinds = np.where((own >= 0) & (kinds == "direct"), kinds[own], kinds)
-    else:
-        candidates = kinds == "direct" if (kinds == "direct").any() else np.full(kinds.shape, True)
-        best = int(np.lexsort((arrival, std, ~candidates))[0])
-        reference, difference = np.broadcast_to(sensor[best], sensor.shape), arrival - arrival[best]
-        std = np.hypot(std, std[best])
-    apart = np.flatnonzero((sensor != reference).any(axis=1))
-    return Differences(
-        sensor_m=sensor[apart],
-        reference_m=reference[apart],
-        difference_m=difference[apart],
-        std_m=std[apart],
-        kind=kinds[apart],
-    )
-
-
-def _reference_rows(columns: dict[str, npt.NDArray[Any]]) -> IntArray:
-    """Return the row (N,) of each row's reference, -1 if it has none."""
-    order = np.argsort(columns["sensor"], kind="stable")
-    names = columns["sensor"][order]
-    at = np.minimum(np.searchsorted(names, columns["reference"]), order.size - 1)
-    return np.where(names[at] == columns["reference"], order[at], -1)
 
 
 def draw_hyperbolas(

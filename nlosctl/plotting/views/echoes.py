@@ -14,6 +14,7 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray
 from nlosctl.io.results.plot_inputs import PlotSnapshot
+from nlosctl.io.results.plotted_rows import row_positions
 from nlosctl.plotting.figures import figure_style, series_style
 from nlosctl.plotting.library import Axes, Circle
 from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors, legend_once
@@ -23,7 +24,6 @@ from nlosctl.plotting.views.measured_rows import (
     assigned_targets,
     first_measurements,
     horizontal_ranges,
-    row_positions,
     sensor_positions,
 )
 from nlosctl.plotting.views.scene import draw_range

@@ -8,41 +8,19 @@ from typing import Any
 import numpy as np
 
 from nlosctl.arrays import FloatArray
-from nlosctl.contract.scene import Reflector
-from nlosctl.models.traced_rays import trace_back
 from nlosctl.plotting.library import Axes, LineCollection
-from nlosctl.plotting.plane import Extent, draw_sensors
+from nlosctl.plotting.plane import draw_sensors
 
-__all__ = ["MANY_ROWS", "circle_outlines", "draw_faint_lines", "draw_tracks", "ray_paths"]
+__all__ = ["MANY_ROWS", "circle_outlines", "draw_faint_lines", "draw_tracks"]
 
 MANY_ROWS = 50
 """Snapshots of more rows are drawn with faint lines and without wedges."""
 
-_BEYOND = 1.12
-_AWAY = 0.25
 _CORNERS = 121
 _OPAQUE_LINES = 12.0
 _FAINTEST, _STRONGEST = 0.025, 0.6
 _RASTER_LINES = 300
 _MOST_TRACKS = 40
-
-
-def ray_paths(sensor: FloatArray, bearing: FloatArray, reflector: Reflector | None, goal: Extent) -> FloatArray:
-    """Return the corners (N, 3, 2) of rays: sensor, reflection point (or sensor again), end a little beyond ``goal``.
-
-    A ray that leads away from the goal ends after a quarter of its span; one that misses its mirror is straight.
-    """
-    rays = trace_back(sensor, bearing, reflector)
-    missed = np.asarray(~np.isfinite(rays.hit_m).all(axis=1))
-    hit = np.where(missed[:, None], sensor, rays.hit_m)
-    direction = np.where(missed, bearing, rays.direction_rad)
-    along = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
-    corners = np.array(np.meshgrid(*zip(goal.low, goal.high, strict=True))).reshape(2, -1).T
-    offset = corners[:, None] - hit
-    reach = np.max(offset[..., 0] * along[:, 0] + offset[..., 1] * along[:, 1], axis=0, initial=0.0)
-    distance = np.hypot(*(0.5 * (goal.low + goal.high) - hit).T)
-    length = _BEYOND * np.maximum(reach, np.maximum(0.5 * distance, _AWAY * goal.span_m))
-    return np.stack([sensor, hit, hit + length[:, None] * along], axis=1)
 
 
 def circle_outlines(center: FloatArray, radius: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from nlosctl.arrays import FloatArray
 from nlosctl.contract.scene import Reflector, Scene
 from nlosctl.errors import UsageError
 from nlosctl.io.results.plot_inputs import PlotSnapshot, read_snapshot
+from nlosctl.io.results.plotted_rows import row_positions
 from nlosctl.plotting.library import Axes
 from nlosctl.plotting.plot_request import PlotRequest
 from nlosctl.plotting.views.many_rows import draw_faint_lines
@@ -25,8 +26,6 @@ __all__ = [
     "horizontal_ranges",
     "range_label",
     "reflector_of",
-    "row_kinds",
-    "row_positions",
     "sensor_positions",
     "without_std",
 ]
@@ -72,11 +71,6 @@ def sensor_positions(measured: PlotSnapshot, dimension: int = 2) -> tuple[list[s
     rows = np.flatnonzero(np.isfinite(sensor).all(axis=1))
     each = dict.fromkeys((str(names[row]), *sensor[row].tolist()) for row in rows)
     return [str(key[0]) for key in each], np.array([key[1:] for key in each]).reshape(-1, dimension)
-
-
-def row_positions(measured: PlotSnapshot, of: str = "sensor", dimension: int = 2) -> FloatArray:
-    """Return the position (K, D) of the sensor of each row, or ``of`` its reference; NaN if its own row has it."""
-    return np.stack([measured.columns[f"{of}_{axis}_m"] for axis in "xyz"[:dimension]], axis=1)
 
 
 def horizontal_ranges(measured: PlotSnapshot, target_z_m: float | None) -> tuple[FloatArray, list[str]]:
@@ -129,23 +123,6 @@ def assigned_targets(measured: PlotSnapshot) -> tuple[FloatArray, npt.NDArray[np
     size = len(measured.sensor)
     target = np.asarray(measured.file_columns.get("target", np.full(size, np.nan)), dtype=np.float64)
     return target, (measured.file_columns.get("los", np.zeros(size)) == 1) & ~np.isnan(target)
-
-
-def row_kinds(measured: PlotSnapshot) -> list[str]:
-    """Return the kind of each row (K,), a key of `ROW_LOOKS`."""
-    columns, file = measured.columns, measured.file_columns
-    size = len(measured.sensor)
-    reflector = columns.get("reflector", np.full(size, -1))
-    los, used = file.get("los", np.full(size, 1)), file.get("used", np.full(size, 1))
-    kinds = []
-    for row in range(size):
-        if los[row] == 0 or measured.left_out[row]:
-            kinds.append("flagged")
-        elif used[row] == 0:
-            kinds.append("unused")
-        else:
-            kinds.append("reflected" if reflector[row] >= 0 else "direct")
-    return kinds
 
 
 def reflector_of(scene: Scene, columns: dict[str, npt.NDArray[np.generic]], row: int) -> Reflector | None:

@@ -12,21 +12,20 @@ from nlosctl.arrays import FloatArray
 from nlosctl.contract.scene import PlaneReflector, SphereReflector
 from nlosctl.errors import UsageError
 from nlosctl.io.results.plot_inputs import PlotSnapshot
-from nlosctl.models.traced_rays import points_at_range
+from nlosctl.io.results.plotted_rows import differences_of, row_kinds, row_positions
+from nlosctl.models.traced_rays import points_at_range, ray_paths
 from nlosctl.plotting.library import Axes, Circle, Polygon
 from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors, legend_once, scene_sensors
 from nlosctl.plotting.plot_request import Picture, PlotRequest
-from nlosctl.plotting.views.arrivals import differences_of, draw_hyperbolas, draw_hyperbolas_on_earth
+from nlosctl.plotting.views.arrivals import draw_hyperbolas, draw_hyperbolas_on_earth
 from nlosctl.plotting.views.close_ups import draw_with_close_up
-from nlosctl.plotting.views.many_rows import MANY_ROWS, circle_outlines, draw_faint_lines, draw_tracks, ray_paths
+from nlosctl.plotting.views.many_rows import MANY_ROWS, circle_outlines, draw_faint_lines, draw_tracks
 from nlosctl.plotting.views.measured_rows import (
     ROW_LOOKS,
     RowLook,
     horizontal_ranges,
     range_label,
     reflector_of,
-    row_kinds,
-    row_positions,
     sensor_positions,
     without_std,
 )
@@ -168,7 +167,13 @@ def _draw_many(
         if radius is None:
             bearing = measured.columns["bearing_rad"]
             lines = [
-                ray_paths(sensor[own], bearing[own], reflector_of(measured.scene, measured.columns, own[0]), goal)
+                ray_paths(
+                    sensor[own],
+                    bearing[own],
+                    reflector_of(measured.scene, measured.columns, own[0]),
+                    goal.low,
+                    goal.high,
+                )
                 for own in (rows[reflector[rows] == number] for number in np.unique(reflector[rows]))
             ]
             outlines, label = list(np.concatenate(lines)), without_std(look.label)
@@ -192,7 +197,9 @@ def _draw_ray(
     std = float(columns["bearing_std_rad"][row])
     goal = views[1] if views[1].is_known else views[0]
     bearing = float(columns["bearing_rad"][row])
-    low, middle, high = (ray_paths(sensor, np.array([bearing + part]), reflector, goal)[0] for part in (-std, 0.0, std))
+    low, middle, high = (
+        ray_paths(sensor, np.array([bearing + part]), reflector, goal.low, goal.high)[0] for part in (-std, 0.0, std)
+    )
     reflected = [bool((path[1] != path[0]).any()) for path in (low, middle, high)]
     axes.plot(
         *middle[not reflected[1] :].T, color=look.color, linestyle=look.line, linewidth=1.1, label=label, zorder=2.4

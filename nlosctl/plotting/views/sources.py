@@ -6,11 +6,12 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray
 from nlosctl.io.results.plot_inputs import PlotSnapshot
+from nlosctl.io.results.plotted_rows import row_positions
+from nlosctl.models.traced_rays import ray_paths
 from nlosctl.plotting.figures import series_style
 from nlosctl.plotting.library import Axes
 from nlosctl.plotting.plane import Extent
-from nlosctl.plotting.views.many_rows import ray_paths
-from nlosctl.plotting.views.measured_rows import RowLook, assigned_targets, draw_row_curves, reflector_of, row_positions
+from nlosctl.plotting.views.measured_rows import RowLook, assigned_targets, draw_row_curves, reflector_of
 from nlosctl.plotting.views.space_rows import trace_rays
 from nlosctl.plotting.views.two_views import coordinates
 
@@ -37,7 +38,11 @@ def _rays_in_plane(measured: PlotSnapshot, goal: Extent) -> FloatArray:
     sensor, bearing = row_positions(measured), measured.columns["bearing_rad"]
     rays = [
         ray_paths(
-            sensor[row : row + 1], bearing[row : row + 1], reflector_of(measured.scene, measured.columns, row), goal
+            sensor[row : row + 1],
+            bearing[row : row + 1],
+            reflector_of(measured.scene, measured.columns, row),
+            goal.low,
+            goal.high,
         )
         for row in range(bearing.size)
     ]

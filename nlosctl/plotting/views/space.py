@@ -10,12 +10,13 @@ import numpy as np
 from nlosctl.arrays import FloatArray
 from nlosctl.contract.scene import Scene
 from nlosctl.io.results.plot_inputs import PlotSnapshot
+from nlosctl.io.results.plotted_rows import row_kinds, row_positions
 from nlosctl.plotting.figures import figure_style, new_figure
 from nlosctl.plotting.library import Axes
 from nlosctl.plotting.plane import Extent, draw_reflectors, draw_sensors
 from nlosctl.plotting.plot_request import Picture, PlotRequest
 from nlosctl.plotting.views.many_rows import MANY_ROWS, draw_tracks
-from nlosctl.plotting.views.measured_rows import first_measurements, row_kinds, row_positions, sensor_positions
+from nlosctl.plotting.views.measured_rows import first_measurements, sensor_positions
 from nlosctl.plotting.views.scene import draw_in_plane
 from nlosctl.plotting.views.snapshot_rows import Columns, draw_estimates_of_snapshot, draw_truth, estimate_rows_of
 from nlosctl.plotting.views.space_rows import draw_rays, draw_sections, trace_rays

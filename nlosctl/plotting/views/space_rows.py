@@ -8,20 +8,14 @@ import numpy.typing as npt
 from nlosctl.arrays import FloatArray
 from nlosctl.contract.scene import LineReflector, PlaneReflector, Reflector, SphereReflector
 from nlosctl.io.results.plot_inputs import PlotSnapshot
+from nlosctl.io.results.plotted_rows import differences_of, row_positions
 from nlosctl.models.sections import path_lengths_by_sphere, range_sections
-from nlosctl.models.traced_rays import trace_in_space
+from nlosctl.models.traced_rays import ray_paths, trace_in_space
 from nlosctl.plotting.library import Axes
 from nlosctl.plotting.plane import Extent, legend_once
-from nlosctl.plotting.views.arrivals import differences_of, draw_hyperbolas
-from nlosctl.plotting.views.many_rows import MANY_ROWS, ray_paths
-from nlosctl.plotting.views.measured_rows import (
-    ROW_LOOKS,
-    draw_row_curves,
-    range_label,
-    reflector_of,
-    row_positions,
-    without_std,
-)
+from nlosctl.plotting.views.arrivals import draw_hyperbolas
+from nlosctl.plotting.views.many_rows import MANY_ROWS
+from nlosctl.plotting.views.measured_rows import ROW_LOOKS, draw_row_curves, range_label, reflector_of, without_std
 from nlosctl.plotting.views.two_views import across, coordinates
 
 __all__ = ["draw_rays", "draw_sections", "trace_rays"]
@@ -50,7 +44,7 @@ def trace_rays(measured: PlotSnapshot, plan: Extent, goal_m: FloatArray | None) 
         if not np.isfinite(elevation[row]):
             vertical, flat = _as_line(mirror)
             if vertical:
-                rays[row, :, :2] = ray_paths(sensor[None, :2], bearing[row : row + 1], flat, plan)[0]
+                rays[row, :, :2] = ray_paths(sensor[None, :2], bearing[row : row + 1], flat, plan.low, plan.high)[0]
             continue
         level = np.cos(elevation[row])
         along = np.array([level * np.cos(bearing[row]), level * np.sin(bearing[row]), np.sin(elevation[row])])
