@@ -3,8 +3,8 @@
 The functions take tables (pyarrow, polars, pandas, dict) or paths, and return pyarrow tables. `localize`,
 `identify_los`, `detect_ip` and `bound` solve measurements, `track` finds paths, `posterior` maps where a source is,
 `calibrate` finds the offsets of sensors; `read`, `describe`, `validate`, `convert` and `simulate` make and check them;
-`evaluate` and `plot` show how good estimates are. They are the commands of ``nlosctl``, with the same options and
-results; see docs/python.md.
+`evaluate`, `plot` and `report` show how good estimates are. They are the commands of ``nlosctl``, with the same
+options and results; see docs/python.md.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         Evaluation,
         Localization,
         Plot,
+        Report,
         SensorCalibration,
         Tracks,
         bound,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
         plot,
         posterior,
         read,
+        report,
         simulate,
         track,
         validate,
@@ -43,6 +45,7 @@ __all__ = [
     "Evaluation",
     "Localization",
     "Plot",
+    "Report",
     "SensorCalibration",
     "Tracks",
     "__version__",
@@ -57,6 +60,7 @@ __all__ = [
     "plot",
     "posterior",
     "read",
+    "report",
     "simulate",
     "track",
     "validate",

@@ -32,6 +32,7 @@ FUNCTIONS = [
     "plot",
     "posterior",
     "read",
+    "report",
     "simulate",
     "validate",
 ]
@@ -49,7 +50,7 @@ def test_the_functions_are_found_before_numpy_is_imported() -> None:
     script = "import nlosctl, sys; print(*dir(nlosctl)); print(*({'numpy', 'pyarrow', 'scipy'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     names, loaded = done.stdout.split("\n")[:2]
-    assert len(FUNCTIONS) == 12
+    assert len(FUNCTIONS) == 13
     assert set(FUNCTIONS) <= set(names.split())
     assert loaded == ""
 
@@ -215,6 +216,23 @@ def test_convert_equals_the_command(table: Any, tmp_path: Path) -> None:
     fixes = nlosctl.localize(table).estimates
     nlosctl.convert(fixes, tmp_path / "f.geojson", metres=True)
     assert len(json.loads((tmp_path / "f.geojson").read_text())["features"]) >= 20
+
+
+def test_a_report_is_the_page_of_the_command(table: Any, tmp_path: Path) -> None:
+    """A report of tables is the page of their files of the same names; a notebook shows it in a frame."""
+    estimates = nlosctl.localize(table).estimates
+    pyarrow.parquet.write_table(table, tmp_path / "a.parquet")
+    pyarrow.parquet.write_table(estimates, tmp_path / "e.parquet")
+    words = [os.fspath(tmp_path / name) for name in ("a.parquet", "e.parquet")]
+    page = nlosctl.report(*words, title="t")
+    page.save(tmp_path / "p.html")
+    assert run(["report", *words, "--title", "t", "-o", str(tmp_path / "q.html"), "-q"]) == 0
+    assert (tmp_path / "p.html").read_bytes() == (tmp_path / "q.html").read_bytes() == page.html.encode()
+    assert "<iframe" in nlosctl.report(table, estimates)._repr_html_()
+    with pytest.raises(DataError, match="exists"):
+        page.save(tmp_path / "p.html")
+    with pytest.raises(UsageError, match="nothing to show"):
+        nlosctl.report()
 
 
 def test_a_plot_is_a_picture(table: Any, tmp_path: Path) -> None:

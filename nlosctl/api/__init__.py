@@ -3,6 +3,7 @@
 from nlosctl.api.calibrating import SensorCalibration, calibrate
 from nlosctl.api.files import Plot, convert, describe, evaluate, plot, read, simulate, validate
 from nlosctl.api.mapping import posterior
+from nlosctl.api.reporting import Report, report
 from nlosctl.api.solving import Detection, Localization, bound, detect_ip, identify_los, localize
 from nlosctl.api.tracking import Tracks, track
 from nlosctl.pipeline.evaluate.groups import Evaluation
@@ -12,6 +13,7 @@ __all__ = [
     "Evaluation",
     "Localization",
     "Plot",
+    "Report",
     "SensorCalibration",
     "Tracks",
     "bound",
@@ -25,6 +27,7 @@ __all__ = [
     "plot",
     "posterior",
     "read",
+    "report",
     "simulate",
     "track",
     "validate",

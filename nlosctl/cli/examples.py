@@ -52,6 +52,10 @@ EXAMPLES = {
         "nlosctl plot fixes.parquet --view cdf -o errors.pdf",
         "nlosctl evaluate s.csv | nlosctl plot - -o scores.svg",
     ),
+    "report": (
+        "nlosctl report flags.parquet fixes.parquet -o report.html",
+        "nlosctl evaluate s.csv | nlosctl report - fixes.parquet --title 'Test drive' -o drive.html",
+    ),
     "reproduce": (
         "nlosctl reproduce song-fig8 --quick -o figures/",
         "nlosctl reproduce song-fig9 --quick -p bearing_std_deg=1,2 -o figures/",

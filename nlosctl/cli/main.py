@@ -24,6 +24,7 @@ from nlosctl.cli.commands.evaluate import evaluate
 from nlosctl.cli.commands.methods import methods_app
 from nlosctl.cli.commands.plot import VIEWS_TEXT, plot
 from nlosctl.cli.commands.posterior import posterior
+from nlosctl.cli.commands.report import report
 from nlosctl.cli.commands.reproduce import reproduce
 from nlosctl.cli.commands.schema import schema
 from nlosctl.cli.commands.simulate import simulate
@@ -130,6 +131,7 @@ _COMMANDS = (
     ("simulate", simulate),
     ("evaluate", evaluate),
     ("plot", plot),
+    ("report", report),
     ("reproduce", reproduce),
     ("convert", convert),
     ("describe", describe),

@@ -26,7 +26,7 @@ _STD_UNITS = {
     "ns": ("nanoseconds", LIGHT_M_S * 1e-9),
 }
 
-_CONSTANT = "localize calibrate track posterior validate plot convert describe"
+_CONSTANT = "localize calibrate track posterior validate plot report convert describe"
 _OF_DIRECTIONS = f"identify-los bound {_CONSTANT}"
 
 

@@ -30,9 +30,9 @@ PANELS = ("Input", "Geometry", "Method", "Output", "Run", "Messages")
 _SOLVE, _TABLES = "localize detect-ip identify-los", "localize detect-ip identify-los track"
 _ESTIMATE, _ENGINE = f"{_SOLVE} calibrate track", f"{_SOLVE} calibrate bound"
 _METHOD, _READ = f"{_ESTIMATE} posterior", f"{_ESTIMATE} bound posterior validate"
-_CALIBRATED, _MEASUREMENTS = f"{_SOLVE} track bound validate", f"{_READ} plot convert describe"
+_CALIBRATED, _MEASUREMENTS = f"{_SOLVE} track bound validate", f"{_READ} plot report convert describe"
 _WRITE = f"{_TABLES} bound posterior evaluate simulate convert"
-_ARRIVALS, _REPORT = "localize posterior validate plot convert describe", f"{_METHOD} bound evaluate"
+_ARRIVALS, _REPORT = "localize posterior validate plot report convert describe", f"{_METHOD} bound evaluate"
 _NOISES, _ENGINES, _POOLS = ("gaussian", "laplace"), ("local", "dask"), ("snapshot", "sensor", "file")
 
 
@@ -68,13 +68,13 @@ class InputOptions:
         f"{_MEASUREMENTS} evaluate", metavar="FORMAT", complete="format")
     kind: str | None = option(
         None, "--kind", "Input", "Kind: bearings, ranges, arrivals or triplets; default: detected from the columns.",
-        "localize identify-los bound posterior track validate plot describe", metavar="KIND", complete="kind")
+        "localize identify-los bound posterior track validate plot report describe", metavar="KIND", complete="kind")
     dimensions: int | None = option(
         None, "--dimensions", "Input", "Dimensions, 2 or 3; default: 3 with elevations, stds and sensor heights.",
-        f"{_READ} plot describe", minimum=2, maximum=3, metavar="N")
+        f"{_READ} plot report describe", minimum=2, maximum=3, metavar="N")
     columns: Mapping[str, str] = option(
         {}, "--column", "Input", "Read column HEADER of the file as NAME. Repeatable.",
-        f"{_READ} plot describe", metavar="NAME=HEADER", complete="column")
+        f"{_READ} plot report describe", metavar="NAME=HEADER", complete="column")
     constants: Mapping[str, float] = with_flags({}, *STD_FLAGS)
     all_rows: bool = option(
         False, "--all-rows", "Input", "Also use rows flagged by an earlier step (los false, ip true).",
@@ -124,11 +124,11 @@ class InputOptions:
     calibration: Calibration | str | None = option(  # noqa: RUF009
         None, "--calibration", "Geometry", "Calibration of the sensors (TOML).", _CALIBRATED, metavar="FILE")
     crs: str | None = option(
-        None, "--crs", "Geometry", "Projected CRS of x and y, such as EPSG:32632.", f"{_READ} convert describe",
+        None, "--crs", "Geometry", "Projected CRS of x and y, such as EPSG:32632.", f"{_READ} report convert describe",
         metavar="CODE")
     origin: str | tuple[float, float] | None = option(
         None, "--origin", "Geometry", "Latitude and longitude of x = y = 0, in degrees (WGS 84).",
-        f"{_READ} convert describe", metavar="LAT,LON")
+        f"{_READ} report convert describe", metavar="LAT,LON")
     default_constants: Mapping[str, float] = field(default_factory=dict)
     extra_columns: Sequence[str] | None = None
     missing_std: str = "error"
@@ -288,7 +288,7 @@ class OutputOptions:
     hash: bool = option(False, "--hash", "Output", "Record SHA-256 hashes of the inputs in the provenance.", _TABLES)
     overwrite: bool = option(
         False, "--overwrite", "Output", "Replace existing output files.",
-        f"{_READ} evaluate simulate convert plot reproduce")
+        f"{_READ} evaluate simulate convert plot report reproduce")
     resume: bool = option(
         False, "--resume", "Run", "Continue an interrupted run into a folder; the results are the same.",
         f"{_SOLVE} bound")

@@ -83,7 +83,8 @@ def test_an_option_means_the_same_everywhere() -> None:
     """An option that several commands share has one help text and one short form.
 
     Exceptions: ``--alternatives`` (two meanings), output and trials of ``reproduce`` (a folder; trials per condition),
-    output and format of ``plot`` (a picture), ``--show`` of ``convert`` (a format instead of a scenario).
+    output and format of ``plot`` (a picture), output of ``report`` (a page), ``--show`` of ``convert`` (a format
+    instead of a scenario).
     """
     known: dict[str, tuple[str, tuple[str, ...], str]] = {}
     for name, option in OPTIONS:
@@ -92,6 +93,7 @@ def test_an_option_means_the_same_everywhere() -> None:
         own = {
             "nlosctl reproduce": ("output", "trials"),
             "nlosctl plot": ("output", "format"),
+            "nlosctl report": ("output",),
             "nlosctl convert": ("show",),
         }
         if option.name in own.get(name, ()):

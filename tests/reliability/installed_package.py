@@ -29,6 +29,7 @@ def main() -> int:
             ["detect-ip", fixtures / "good_triplets.parquet", "-q", "-o", "paths.csv"],
             ["simulate", "ring", "-n", "10", "-q", "-o", "m.arrow"],
             ["bound", "m.arrow", "-q", "-o", "b.csv"],
+            ["report", "m.arrow", "fixes.parquet", "-o", "report.html", "-q"],
             ["methods", "--check"],
         ]
         for line in lines:

@@ -63,6 +63,7 @@ _JOBS = [
     ),
     WritingJob(command="bound", words=["bearings.parquet", "-o", "b.parquet"], outputs=["b.parquet"]),
     WritingJob(command="posterior", words=["bearings.parquet", "--all", "-o", "p.parquet"], outputs=["p.parquet"]),
+    WritingJob(command="report", words=["bearings.parquet", "triplets.parquet", "-o", "r.html"], outputs=["r.html"]),
     WritingJob(command="validate", words=["corrupted.csv", "--bad-rows", "bad.csv"], outputs=["bad.csv"], code=1),
     WritingJob(command="convert", words=["bearings.parquet", "-o", "c.jsonl.gz"], outputs=["c.jsonl.gz"]),
 ]

@@ -92,7 +92,8 @@ def plot(
     ] = None,
     linear: Annotated[bool, typer.Option("--linear", rich_help_panel="Output", help="Use linear axes.")] = False,
     title: Annotated[
-        str | None, typer.Option("--title", metavar="TEXT", rich_help_panel="Output", help="Title of the figure.")
+        str | None,
+        typer.Option("--title", metavar="TEXT", rich_help_panel="Output", help="Title of the figure or page."),
     ] = None,
     size: Annotated[
         str | None,
@@ -107,7 +108,7 @@ def plot(
             metavar="N",
             min=1000,
             rich_help_panel="Input",
-            help="Largest number of rows to plot; a larger file is thinned.",
+            help="Largest number of rows to show; a larger file is thinned.",
         ),
     ] = 1_000_000,
     format: Annotated[

@@ -1,4 +1,4 @@
-"""Rows of a snapshot for its picture: where their sensors are, of which kind they are, differences of arrivals."""
+"""Rows of a snapshot for its picture: positions of their sensors, their kinds, differences of arrivals."""
 
 from __future__ import annotations
 
