@@ -36,8 +36,9 @@ from nlosctl.pipeline.calibrate.known_positions import OWN_COLUMNS, KnownPositio
 from nlosctl.pipeline.calibrate.offset_passes import estimate_offsets
 from nlosctl.pipeline.calibrate.offset_sums import OffsetSums
 from nlosctl.pipeline.engine.workers import usable_jobs
-from nlosctl.pipeline.solve.method_runs import MethodRun, method_runs
-from nlosctl.pipeline.solve.target_heights import refuse_dimension
+from nlosctl.pipeline.solve.advice import advice, report_alone
+from nlosctl.pipeline.solve.method_runs import MethodRun, method_runs, unused_columns
+from nlosctl.pipeline.solve.target_heights import refuse_dimension, with_target_heights
 
 __all__ = ["Prior", "calibrate"]
 
@@ -98,7 +99,7 @@ def calibrate(
         sums = _sums(opened.reader, options, by, known, harmonics)
         prior_std = (prior or Prior()).std(sums.kind)
         opened.set_bad_rows_aside(write, outputs)
-        _count_rows(opened.reader, destination)
+        advised = _count_rows(opened.reader, options, sums, destination)
         passes, show = input_passes(opened, options, write), destination.console.detail
         columns = ("sensor", *used)
         report: CalibrationReport
@@ -108,6 +109,7 @@ def calibrate(
         else:
             estimate = estimate_offsets(sums, prior_std, passes, columns, show, opened.reader.report.snapshots)
             report = CalibrationReport.of(estimate, sums, opened.reader, prior_std)
+            report.advice = advised
         _write(report, write, destination, outputs)
     return report
 
@@ -128,6 +130,8 @@ def _sums(
 ) -> OffsetSums:
     """Return the statistic of the passes, from offsets of zero; raise the errors of groups and of the method."""
     require_columns(by, reader)
+    if "sensor" in by:
+        raise UsageError("`by` sensor: every sensor has an offset of its own; leave it out")
     given: dict[str, Any] = {
         "kind": reader.kind,
         "dimension": reader.dimension,
@@ -145,11 +149,24 @@ def _sums(
     return DeviationSums(**given, harmonics=harmonics)
 
 
-def _count_rows(reader: MeasurementReader, destination: Destination) -> None:
-    """Read the input to its end, with progress: its report counts the rows, and bad ones are set aside."""
+def _count_rows(
+    reader: MeasurementReader, options: SolveOptions, sums: OffsetSums, destination: Destination
+) -> list[str]:
+    """Read the input to its end, with progress: its report counts the rows, and bad ones are set aside.
+
+    Returns the notes on columns without effect, and advice where most of the first snapshots have no position of
+    their own, or one that does not fit.
+    """
+    unused = unused_columns([sums.run], reader.kind, [*reader.schema.names, *reader.constants])
+    advised: list[str] | None = None if sums.truth is None else []
     with destination.console.progress("calibrate") as progress:
-        for _ in reader.chunks():
+        for chunk in reader.chunks():
+            if advised is None:
+                chunk = with_target_heights(chunk, reader.dimension, options)
+                alone = report_alone(chunk, reader, sums.run, options.field)
+                advised = advice([sums.run], alone, reader)
             progress(reader.report.rows_in_all, None)
+    return [*unused, *(advised or [])]
 
 
 def _truth_table(truth: str | Sequence[Input] | None) -> TruthTable | None:

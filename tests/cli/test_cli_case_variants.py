@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,6 +23,81 @@ def test_advice_for_all_snapshots_gives_the_source(cli: Cli, tmp_path: Path, tex
     right = cli("localize", "b.csv", "-q", "--column", f"{column}=azimuth_deg").table
     assert right["x_m"].to_pylist() == pytest.approx([50.0] * 2, abs=1.0)
     assert right["y_m"].to_pylist() == pytest.approx([50.0] * 2, abs=1.0)
+
+
+_RANGES = "snapshot,sensor,sensor_x_m,sensor_y_m,range_m,range_std_m,time_s\n" + "".join(
+    f"{n},{name},{x},{y},{math.hypot(30 + n - x, 40 - y) / 1000 + 1e-4 * (-1) ** (n + x)},0.0001,{n}\n"
+    for n in range(6)
+    for name, x, y in (("a", 0, 0), ("b", 100, 0), ("c", 100, 90), ("d", 0, 90))
+)
+_TRACK = ("track", "-p", "acceleration_psd=1", "-o", "t.csv")
+
+
+_KILOMETRES = "range_km=range_m and --column range_std_km=range_std_m"
+
+
+@pytest.mark.parametrize(
+    ("words", "text", "cure"),
+    [
+        (_TRACK, MIRRORED, "azimuth_ccw_deg=azimuth_deg"),
+        (_TRACK, _RANGES, _KILOMETRES),
+        (("calibrate", "-o", "c.toml"), BACK, "back_azimuth_deg=azimuth_deg"),
+        (("calibrate", "-o", "c.toml"), _RANGES, _KILOMETRES),
+        (("posterior", "--snapshot", "1", "-o", "m.csv"), MIRRORED, "azimuth_ccw_deg=azimuth_deg"),
+    ],
+)
+def test_each_command_reports_the_likely_cause(
+    cli: Cli, tmp_path: Path, words: tuple[str, ...], text: str, cure: str
+) -> None:
+    """Tracks, calibrations and maps of mirrored, turned or too short measurements name the column to read."""
+    if "time_s" not in text:
+        head, *rows = text.splitlines()
+        text = "\n".join([f"{head},time_s", *(f"{row},{row[0]}" for row in rows)]) + "\n"
+    (tmp_path / "m.csv").write_text(text)
+    done = cli(words[0], "m.csv", *words[1:-1], f"out-{words[-1]}")
+    assert done.code == 0
+    assert f"--column {cure}" in done.err
+
+
+def test_a_track_through_rows_that_contradict_each_other_fits_badly(cli: Cli, tmp_path: Path) -> None:
+    """A range that is 30 m too long in each snapshot is reported; ranges within their stds are not."""
+    right = _RANGES.replace("0.0001", "0.1")
+    rows = [row.split(",") for row in right.splitlines()]
+    for row in rows[1:]:
+        row[4] = str(1000 * float(row[4]))
+    (tmp_path / "right.csv").write_text("\n".join(",".join(row) for row in rows))
+    for row in rows[1::4]:
+        row[4] = str(30 + float(row[4]))
+    (tmp_path / "wrong.csv").write_text("\n".join(",".join(row) for row in rows))
+    assert "fits badly" not in cli(_TRACK[0], "right.csv", *_TRACK[1:]).err
+    assert "fits badly: in 6 of 6 snapshots" in cli(_TRACK[0], "wrong.csv", *_TRACK[1:], "--overwrite").err
+
+
+@pytest.mark.parametrize("words", [_TRACK, ("calibrate", "-o", "c.toml"), ("posterior", "--all", "-o", "m.csv")])
+def test_each_command_names_ranges_without_a_standard_deviation(
+    cli: Cli, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    """Ranges beside bearings that no standard deviation weighs are not used, and a note states it."""
+    head, *rows = MIRRORED.replace("azimuth_deg", "azimuth_ccw_deg").splitlines()
+    text = "\n".join([f"{head},range_m,time_s", *(f"{row},70,{row[0]}" for row in rows)])
+    (tmp_path / "b.csv").write_text(text)
+    done = cli(words[0], "b.csv", *words[1:])
+    assert done.code == 0
+    assert "the column 'range_m' is not used" in done.err
+
+
+def test_a_calibration_by_sensor_is_refused(cli: Cli, tmp_path: Path) -> None:
+    """Each sensor has an offset of its own already."""
+    (tmp_path / "r.csv").write_text(_RANGES)
+    done = cli("calibrate", "r.csv", "--by", "sensor")
+    assert (done.code, "--by sensor" in done.err) == (2, True)
+
+
+def test_a_calibration_of_snapshots_of_one_row_says_so(cli: Cli, tmp_path: Path) -> None:
+    """Offsets need several rows a snapshot; ids that are times give one."""
+    head, *rows = _RANGES.splitlines()
+    (tmp_path / "one.csv").write_text("\n".join([head, *(f"{n}{row[1:]}" for n, row in enumerate(rows))]))
+    assert "every snapshot has one row" in cli("calibrate", "one.csv", "-o", "c.toml").err
 
 
 def test_radians_in_two_columns_of_degrees(cli: Cli, tmp_path: Path) -> None:

@@ -120,6 +120,43 @@ def test_a_peak_of_a_millimetre_is_found_on_large_cells() -> None:
             assert max(abs(x - truth[snapshot, 0]), abs(y - truth[snapshot, 1])) <= 10.0
 
 
+def test_rows_that_agree_nowhere_have_the_cell_of_the_best_fit() -> None:
+    """Three bearings of a hundredth of a degree, off by tens of degrees: the map is that of the least cost, at once."""
+    table = {
+        "snapshot": [0] * 4,
+        "sensor": list("abcd"),
+        "sensor_x_m": [0.0, 1000.0, 1000.0, 0.0],
+        "sensor_y_m": [0.0, 0.0, 1000.0, 1000.0],
+        "bearing_rad": [0.3, 2.6, -2.5, -0.2],
+        "bearing_std_rad": [2e-4, 3e-4, 2e-4, 4e-4],
+    }
+    found = nlosctl.posterior(table, snapshot="0", field=FIELD, cell=40.0)
+    arrays = {name: np.array(values) for name, values in table.items()}
+    cost = partial(log_density, arrays, 0, alpha=None)
+    x, y = np.meshgrid(np.arange(0.25, SIDE, 0.5), np.arange(0.25, SIDE, 0.5))
+    best = int(cost(x.ravel(), y.ravel()).argmax())
+    cell = int(np.argmax(found["probability"]))
+    assert found["probability"][cell].as_py() > 0.99
+    assert abs(found["x_m"][cell].as_py() - x.ravel()[best]) < 20.5
+    assert abs(found["y_m"][cell].as_py() - y.ravel()[best]) < 20.5
+
+
+@pytest.mark.parametrize("std", [1e-2, 1e-6])
+def test_a_lone_bearing_is_a_fan_however_fine(std: float) -> None:
+    """The mass of a ray grows with the square of the distance, also where it is a millimetre wide."""
+    table = {
+        "snapshot": [0],
+        "sensor": ["a"],
+        "sensor_x_m": [0.0],
+        "sensor_y_m": [500.0],
+        "bearing_rad": [0.01],
+        "bearing_std_rad": [std],
+    }
+    found = nlosctl.posterior(table, snapshot="0", field=FIELD, cell=20.0)
+    near = np.array(found["x_m"]) < 500.0
+    assert np.array(found["probability"])[near].sum() == pytest.approx(0.25, abs=0.01)
+
+
 def test_the_columns_of_a_map() -> None:
     """Centres row by row from the south-west, and shares that sum the probabilities of cells that are denser."""
     table, _ = world("ranges", 1, 5, 60.0, seed=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -56,7 +56,7 @@ class CalibrationReport:
     """The summary of a calibration: what was read, what was found, and remarks on it.
 
     ``prior`` is the std of the prior in the unit of files, None without one; ``truth`` is whether the positions are
-    known.
+    known. ``advice`` is on snapshots that do not fit by themselves.
     """
 
     calibration: Calibration
@@ -65,6 +65,7 @@ class CalibrationReport:
     method: str
     prior: float | None = None
     truth: bool = False
+    advice: list[str] = field(default_factory=list)
 
     @classmethod
     def of(
@@ -154,6 +155,7 @@ class CalibrationReport:
             *self._on_combinations(),
             *self._on_places(),
             *self._on_fit(),
+            *self.advice,
         ]
 
     def _on_truth(self) -> list[str]:

@@ -4,10 +4,15 @@ A square's mean density is taken from its centre, with the standard deviations o
 (`MethodSpec.cost_at`): so a ridge that is narrower than the square is not missed. Each square that has a share of the
 probability is cut into quarters. Where their densities and their mean are much the same as that of the square, the sum
 of the quarters is its mass; else they are cut in turn.
+
+Where the rows agree nowhere (degrees read as radians, say), every square seems likelier than any point in it, and
+millions would be cut. Beyond a limit such a snapshot has only the squares with the likeliest centres cut, size by size:
+its cost is smooth over the region, and its posterior far narrower than a cell.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -29,6 +34,15 @@ _NEGLECTED = 1e-3
 """Squares that are not cut have at most this probability together."""
 
 _MOST_CUTS = 16
+_MOST_ROUNDS = 100
+_MOST_SQUARES = 1 << 19
+_KEPT = 1 << 12
+"""A snapshot of more rounds, or of so many squares more than sixteen a cell, has so many squares of each size cut, or
+as many as cells."""
+
+_SAME_SUM_NATS = 0.1
+"""The quarters of a ridge have the sum of their squares to within this."""
+
 _TOGETHER = 64
 """So many parts of a snapshot's cells are evaluated in a row of a batch."""
 
@@ -65,7 +79,7 @@ def cell_probabilities(
     whole = log_share - cost(np.arange(size), points, cell_m)
     snapshot, cell = np.nonzero(whole > -np.inf)
     first = _Leaves(snapshot, cell, x[cell], y[cell], whole[snapshot, cell])
-    leaves = _joined(_settle(cost, first, size, count, cell_m, log_share))
+    leaves = _settle(cost, first, size, count, cell_m, log_share)
     total = _log_sums(leaves, size)
     index = leaves.snapshot * count + leaves.cell
     mass = np.exp(leaves.log_mass - total[leaves.snapshot])
@@ -74,14 +88,13 @@ def cell_probabilities(
     return probability
 
 
-def _settle(
-    cost: CellCost, first: _Leaves, size: int, count: int, cell_m: float, log_share: FloatArray
-) -> list[_Leaves]:
+def _settle(cost: CellCost, first: _Leaves, size: int, count: int, cell_m: float, log_share: FloatArray) -> _Leaves:
     """Return squares (of all sizes) whose masses sum to those of the ``count`` cells of ``size`` snapshots."""
     settled: list[_Leaves] = []
     total_settled = np.full(size, -np.inf)
     waiting: dict[int, _Leaves] = {0: first}
-    while True:
+    squares, left = np.zeros(size, dtype=np.int64), np.zeros(size, dtype=np.bool_)
+    for rounds in itertools.count():
         total = total_settled
         for leaves in waiting.values():
             total = np.logaddexp(total, _log_sums(leaves, size))
@@ -89,11 +102,12 @@ def _settle(
         cut: list[tuple[int, _Leaves]] = []
         for cuts, leaves in waiting.items():
             heavy = leaves.log_mass > least[leaves.snapshot]
-            if heavy.any():
-                cut.append((cuts, leaves.take(heavy)))
+            if (heavy & ~left[leaves.snapshot]).any():
+                cut.append((cuts, leaves.take(heavy & ~left[leaves.snapshot])))
+                squares += np.bincount(cut[-1][1].snapshot, minlength=size)
                 waiting[cuts] = leaves.take(~heavy)
         if not cut:
-            return settled + list(waiting.values())
+            break
         for cuts, leaves in sorted(cut, key=lambda part: part[0]):
             done, quarters = _cut(cost, leaves, cell_m * 0.5**cuts, cuts, log_share)
             settled.append(done)
@@ -101,6 +115,44 @@ def _settle(
             if len(quarters):
                 known = waiting.get(cuts + 1)
                 waiting[cuts + 1] = quarters if known is None else _joined([known, quarters])
+        left |= (squares > _MOST_SQUARES + 16 * count) | (rounds >= _MOST_ROUNDS)
+    leaves = _joined(settled + list(waiting.values()))
+    if not left.any():
+        return leaves
+    narrow = _narrowed(cost, first.take(left[first.snapshot]), size, max(_KEPT, count), cell_m, log_share)
+    return _joined([leaves.take(~left[leaves.snapshot]), *narrow])
+
+
+def _narrowed(
+    cost: CellCost, squares: _Leaves, size: int, kept: int, cell_m: float, log_share: FloatArray
+) -> list[_Leaves]:
+    """Return the squares about the likeliest points: of each size the ``kept`` with the likeliest centres are cut.
+
+    More quarters with the sum of their squares are those of a long and narrow ridge: they are not cut.
+    """
+    settled: list[_Leaves] = []
+    for cuts in range(_MOST_CUTS):
+        done, quarters = _cut(cost, squares, cell_m * 0.5**cuts, cuts, log_share)
+        sums = np.logaddexp(_log_sums(done, size), _log_sums(quarters, size))
+        with ignoring_invalid():
+            ridge = np.abs(sums - _log_sums(squares, size)) <= _SAME_SUM_NATS
+        centres = _log_masses(cost, quarters, 0.0, cuts + 1, log_share) if len(quarters) else quarters.log_mass
+        light = ~_largest(centres, quarters.snapshot, kept)
+        ridge &= np.bincount(quarters.snapshot, light, minlength=size) > 0
+        settled += [done, quarters.take(ridge[quarters.snapshot])]
+        squares = quarters.take(~light & ~ridge[quarters.snapshot])
+        if not len(squares):
+            break
+    return settled
+
+
+def _largest(values: FloatArray, snapshot: IntArray, most: int) -> BoolArray:
+    """Return which values (N,) are among the ``most`` largest of their snapshots (N,)."""
+    order = np.lexsort((-values, snapshot))
+    counts = np.bincount(snapshot)
+    rank = np.empty(values.shape[0], dtype=np.int64)
+    rank[order] = np.arange(values.shape[0]) - np.repeat(np.cumsum(counts) - counts, counts)
+    return np.asarray(rank < most)
 
 
 def _cut(cost: CellCost, leaves: _Leaves, side_m: float, cuts: int, log_share: FloatArray) -> tuple[_Leaves, _Leaves]:

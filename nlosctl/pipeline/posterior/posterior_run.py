@@ -9,11 +9,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.fields import SensorsField
 from nlosctl.contract.run_options import SolveOptions
 from nlosctl.errors import DataError, UsageError
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
+from nlosctl.io.measurements.windows.window_tally import window_remarks
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.results.tables import posterior_schema, posterior_table
 from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata, read_settings
@@ -21,7 +22,10 @@ from nlosctl.pipeline.posterior.cell_grids import Bounds, CellGrid
 from nlosctl.pipeline.posterior.cell_masses import hpd_shares
 from nlosctl.pipeline.posterior.combined_map import CombinedCosts
 from nlosctl.pipeline.posterior.snapshot_maps import SnapshotMaps
-from nlosctl.pipeline.solve.method_runs import MethodRun
+from nlosctl.pipeline.solve.advice import Measured, report_alone
+from nlosctl.pipeline.solve.likely_causes import cause_remarks, some_snapshots
+from nlosctl.pipeline.solve.method_runs import MethodRun, unused_columns
+from nlosctl.pipeline.solve.report import bad_fit_remarks
 from nlosctl.pipeline.solve.target_heights import height_settings, heights_remark, refuse_dimension, with_target_heights
 from nlosctl.solvers.sequential.priors import PriorOptions
 
@@ -106,6 +110,7 @@ class PosteriorRun:
     ) -> None:
         self.reader, self._run, self._prior, self._options, self._maps = reader, run, prior, options, maps
         self._open_again = open_again
+        self._judged, self._misfits = False, list[str]()
         refuse_dimension([run], reader.dimension, options.field)
         if reader.scene.frame is not None and reader.scene.frame.on_ellipsoid:
             raise UsageError(
@@ -144,8 +149,25 @@ class PosteriorRun:
         self.add_notes(self.reader.report.remarks)
 
     def add_notes(self, remarks: Sequence[str]) -> None:
-        """Add the remarks of the reader to the report."""
-        self.report.notes += [*remarks, *heights_remark(self.reader, self._options)]
+        """Add the remarks of the reader, and on rows that do not fit, to the report."""
+        reader = self.reader
+        self.report.notes += [
+            *remarks,
+            *heights_remark(reader, self._options),
+            *(window_remarks(reader.report.windows, reader.options.window) if reader.report.windows else ()),
+            *unused_columns([self._run], reader.kind, [*reader.schema.names, *reader.constants]),
+            *self._misfits,
+        ]
+
+    def _judge(self, chunk: Chunk, snapshots: IntArray) -> None:
+        """Keep the remarks on snapshots of a chunk whose rows do not fit, if it is the first to be judged."""
+        if self._judged:
+            return
+        self._judged = True
+        alone = report_alone(some_snapshots(chunk, snapshots), self.reader, self._run, self._options.field)
+        self._misfits = bad_fit_remarks([self._run], alone)
+        if alone.refits:
+            self._misfits += cause_remarks(alone.refits, Measured.of(self.reader))
 
     def _chunks(self, reader: MeasurementReader) -> Iterator[Chunk]:
         for chunk in reader.chunks():
@@ -183,6 +205,7 @@ class PosteriorRun:
             if np.isnan(found.probability[0]):
                 continue
             self.report.without -= 1
+            self._judge(chunk, np.arange(first, last))
             yield self._table(found.grid, found.probability, rows, chunk.snapshot[found.snapshot])
             rows = 0
 
@@ -192,6 +215,7 @@ class PosteriorRun:
         for chunk in self._chunks(self.reader):
             self.report.snapshots += len(chunk.snapshot)
             rows += int(chunk.offsets[-1])
+            self._judge(chunk, np.arange(len(chunk.snapshot)))
             for _, batch in self._makes.batches(chunk, 0, len(chunk.snapshot)):
                 costs.add(self._makes.cost(batch, with_prior=False), self._makes.cost(batch).priors())
         self.report.without = self.report.snapshots - costs.snapshots

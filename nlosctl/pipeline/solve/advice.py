@@ -5,18 +5,24 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from nlosctl import registry
+from nlosctl.contract.fields import Field
+from nlosctl.contract.random_streams import snapshot_seeds
 from nlosctl.contract.scene import Scene
 from nlosctl.contract.statuses import Status
-from nlosctl.io.measurements.reader import MeasurementReader
-from nlosctl.pipeline.solve.method_runs import MethodRun
+from nlosctl.io.measurements.reader import Chunk, MeasurementReader
+from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
 from nlosctl.pipeline.solve.motion.moving_sources import estimates_velocity
 from nlosctl.pipeline.solve.report import RunReport
 
-__all__ = ["Measured", "advice", "offers_mixture"]
+__all__ = ["Measured", "advice", "offers_mixture", "report_alone"]
 
 _FEWEST_WITH_OUTLIER = 4
+_MOST_SNAPSHOTS = 200
 
 _FEWEST_CONVINCING = 5
 _LENGTHS = "are positions and measurements in the units of their columns (metres; range_km, range_cm, range_mm)?"
@@ -79,6 +85,28 @@ def advice(runs: Sequence[MethodRun], report: RunReport, reader: MeasurementRead
         if causes:
             return causes
     return _no_fix(runs, report, measured)
+
+
+def report_alone(chunk: Chunk, reader: MeasurementReader, run: MethodRun, field: Field) -> RunReport:
+    """Return the counts of the first 200 snapshots of a chunk, each solved by itself, for `advice`.
+
+    They are what a command can say of measurements that it does not localize snapshot by snapshot.
+    """
+    from nlosctl.pipeline.solve.likely_causes import fit_after_changes, some_snapshots
+    from nlosctl.pipeline.solve.solve_chunk import ChunkSolver
+
+    part = some_snapshots(chunk, np.arange(min(len(chunk.snapshot), _MOST_SNAPSHOTS)))
+    made: dict[str, Any] = {"scene": reader.scene, "dimension": reader.dimension, "field": field}
+    made["calibration"] = reader.options.calibration
+    solver = ChunkSolver(kind=reader.kind, runs=(run,), **made)
+    estimates = solver.solve(part, snapshot_seeds(0, part.snapshot_ids())).estimates
+    assert estimates is not None  # noqa: S101 - the method estimates
+    report = RunReport(reader.kind, inputs=[], snapshots=len(part.snapshot), methods={run.label: MethodTally()})
+    report.largest_snapshot = int(np.add.reduceat(~part.left_out, part.offsets[:-1], dtype=np.int64).max())
+    report.methods[run.label].add_estimates(estimates, 0)
+    if report.methods[run.label].mostly_bad and reader.dimension == 2:
+        report.refits.update(fit_after_changes(part, reader))
+    return report
 
 
 def _no_fix(runs: Sequence[MethodRun], report: RunReport, measured: Measured) -> list[str]:

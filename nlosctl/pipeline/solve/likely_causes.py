@@ -22,7 +22,7 @@ from nlosctl.pipeline.solve.solve_chunk import ChunkSolver, dense_batch
 from nlosctl.solvers.triplets.target_fits import fit_paths
 from nlosctl.solvers.triplets.target_status import p_values
 
-__all__ = ["cause_remarks", "change_text", "changes", "fit_after_changes"]
+__all__ = ["cause_remarks", "change_text", "changes", "fit_after_changes", "some_snapshots"]
 
 Columns = Mapping[str, npt.NDArray[Any]]
 
@@ -84,14 +84,14 @@ def fit_after_changes(chunk: Chunk, reader: MeasurementReader) -> dict[str, int]
         wanted = np.flatnonzero(rows == 2)[:_MOST_SNAPSHOTS]
     if not wanted.size:
         return {}
-    part = _snapshots(chunk, wanted)
+    part = some_snapshots(chunk, wanted)
     counts = {_TRIED: wanted.size, _PAIRS: wanted.size * pairs, _AS_GIVEN: _fitting(part, measured)}
     for name, columns in changes(part.columns, measured):
         counts[name] = _fitting(replace(part, columns=columns), measured)
     return counts
 
 
-def _snapshots(chunk: Chunk, wanted: npt.NDArray[Any]) -> Chunk:
+def some_snapshots(chunk: Chunk, wanted: npt.NDArray[Any]) -> Chunk:
     """Return a chunk of some snapshots of another, without its table."""
     starts, ends = chunk.offsets[wanted], chunk.offsets[wanted + 1]
     rows = np.concatenate([np.arange(start, end) for start, end in zip(starts, ends, strict=True)])

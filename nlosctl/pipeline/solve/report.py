@@ -20,12 +20,11 @@ from nlosctl.io.measurements.windows.window_tally import window_remarks
 from nlosctl.pipeline.solve.method_runs import STATUS_WORDS, LearnedOptions, MethodRun, MethodTally, unused_columns
 from nlosctl.version import __version__
 
-__all__ = ["MethodTally", "RunReport", "chi_square_p_value", "fit_p_values", "method_remarks"]
+__all__ = ["MethodTally", "RunReport", "bad_fit_remarks", "chi_square_p_value", "fit_p_values", "method_remarks"]
 
 _NEARLY_ALL = 0.9995
 _CLOSED_FORM_DEGREES = 40
-_CERTAIN = 800.0
-"""Half a chi-square at which every p-value of few degrees of freedom is below the smallest number."""
+_CERTAIN = 800.0  # half a chi-square at which every p-value of few degrees is below the smallest number
 
 
 @dataclass
@@ -202,7 +201,7 @@ def method_remarks(
         *(line for run in runs if run.std is not None for line in run.std.remarks(run, report, columns)),
         *_half_ranges(runs),
         *_outlier_shares(runs, report),
-        *_bad_fits(runs, report),
+        *bad_fit_remarks(runs, report),
         *_sensors_off(report),
         *_without_effect(runs, report, options),
     ]
@@ -287,7 +286,8 @@ def _sensors_off(report: RunReport) -> list[str]:
     return sensor_remarks(report.kind, report.methods)
 
 
-def _bad_fits(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
+def bad_fit_remarks(runs: Sequence[MethodRun], report: RunReport) -> list[str]:
+    """Return a note for each method whose residuals are larger than their stds in more than 5 % of the fits."""
     bad = [(name, tally) for name, tally in report.methods.items() if tally.fits_badly]
     if bad:
         from nlosctl.pipeline.solve.advice import offers_mixture

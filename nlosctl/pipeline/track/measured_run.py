@@ -33,6 +33,7 @@ from nlosctl.pipeline.track.measured_snapshots import Collected, MeasuredSnapsho
 from nlosctl.pipeline.track.merged_fixes import with_merged_fixes
 from nlosctl.pipeline.track.offset_rows import OffsetRows
 from nlosctl.pipeline.track.state_flags import RowResults, row_results
+from nlosctl.pipeline.track.track_fit import run_remarks, with_p_values
 from nlosctl.pipeline.track.track_options import TrackOptions
 from nlosctl.pipeline.track.track_table import SnapshotStates, density_note, optional_columns, track_estimates
 from nlosctl.solvers.tracking.tracks_of_rows import SnapshotRows, TrackedRows, TracksOfRows, track_rows
@@ -71,6 +72,7 @@ class MeasuredRun:
             calibration=reader.options.calibration,
         )
         self._chunks: list[tuple[Chunk, Chunk | None]] = []
+        self._first: Chunk | None = None
         self.report = RunReport(kind=reader.kind, inputs=[], methods={run.label: MethodTally()})
         self.report.settings = self.provenance()
 
@@ -118,6 +120,7 @@ class MeasuredRun:
             self._collected.add(dataclasses.replace(chunk, table=chunk.table.select(list(self._by))))
             self._chunks.append((one_row_each(chunk, self._carried), chunk if "flags" in self._layouts else None))
             self._row_counts.append(int(chunk.offsets[-1]))
+            self._first = self._first or dataclasses.replace(chunk, table=None)
             yield dataclasses.replace(chunk, table=chunk.table.select([]))
 
     def _fixes(self, chunk: Chunk) -> tuple[FloatArray, FloatArray]:
@@ -221,7 +224,8 @@ class MeasuredRun:
         estimates = track_estimates(
             found, snapshots.time_s[mine], counts, results.n_used[mine], results.cost[mine], self._own, frame
         )
-        self.report.methods[self._run.label].add_estimates(estimates, 0)
+        judged = with_p_values(estimates, self._run, results.cost[mine], results.n_residuals[mine])
+        self.report.methods[self._run.label].add_estimates(judged, 0)
         named: dict[str, Any] = {}
         if "estimates" in self._layouts:
             named["estimates"] = self._layouts["estimates"].table(estimates, one_each)
@@ -281,5 +285,6 @@ class MeasuredRun:
         report.notes += [
             *read.remarks,
             *heights_remark(self.reader, self._options),
+            *run_remarks(self.reader, self._run, report, self._first, self._options.field),
             density_note(paths.density, self._own.density is None, self._collected.tracks, paths.tracks),
         ]

@@ -18,7 +18,8 @@ __all__ = ["RowResults", "row_results"]
 
 @dataclass(frozen=True)
 class RowResults:
-    """Cost (S,) of each snapshot's rows and number of rows used (S,); probability to be direct and residuals (N,).
+    """Cost (S,) of each snapshot's rows and numbers of rows used and of residuals (S,); probability to be direct and
+    residuals (N,).
 
     ``part`` (N,) marks rows that take part. Of trusted rows the probability is NaN.
     """
@@ -29,6 +30,7 @@ class RowResults:
 
     cost: FloatArray
     n_used: IntArray
+    n_residuals: IntArray
     part: BoolArray
     probability: FloatArray
     residuals: Mapping[str, FloatArray]
@@ -68,4 +70,7 @@ def row_results(
             for name, values in block.rows.residuals(*block.point(paths.path, k)).items():
                 mine = row[:, k] if block.rows.order is None else row[np.arange(row.shape[0]), block.rows.order[:, k]]
                 residuals.setdefault(name, np.full(rows, np.nan))[mine] = values[:, k]
-    return RowResults(cost, used, part, probability, residuals)
+    counted = np.zeros(size, dtype=np.int64)
+    for row, snapshot in zip(rows_of, snapshots, strict=True):
+        counted[snapshot] = sum(np.isfinite(values[row]).sum(axis=1) for values in residuals.values())
+    return RowResults(cost, used, counted, part, probability, residuals)

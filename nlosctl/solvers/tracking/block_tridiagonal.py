@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_invalid
 
 __all__ = ["BlockTridiagonal"]
 
@@ -74,7 +74,8 @@ class BlockTridiagonal:
         following = np.append(within[1:], 0)
         followed = following[odd] > 0
         inverse: FloatArray = np.asarray(np.linalg.inv(diagonal[odd]), dtype=np.float64)
-        logarithm[at[odd]] += np.linalg.slogdet(diagonal[odd])[1]
+        with ignoring_invalid():  # of a path that rows drive to infinity
+            logarithm[at[odd]] += np.linalg.slogdet(diagonal[odd])[1]
         left = coupling[odd - 1]
         right = np.where(followed[:, None, None], coupling[odd], 0.0)
         before: FloatArray = inverse @ left.transpose(0, 2, 1)
