@@ -8,12 +8,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import IO, Any
 
+import numpy as np
+
 from nlosctl.arrays import FloatArray
 from nlosctl.contract.formats import ExporterSpec, Places, Shapes
 from nlosctl.contract.options import option
 from nlosctl.formats.map_options import LineOptions
 from nlosctl.formats.track_lines import TrackLines
-from nlosctl.geometry.antimeridian import rings_by_polygon
+from nlosctl.geometry.antimeridian import crosses_antimeridian, cut_line, rings_by_polygon
 
 __all__ = ["FORMAT"]
 
@@ -29,7 +31,7 @@ class GeoJsonOptions(LineOptions):
 
 class _Writer:
     def __init__(self, sink: IO[bytes], options: GeoJsonOptions) -> None:
-        self._sink, self._separator = sink, "\n"
+        self._sink, self._separator, self._on_earth = sink, "\n", not options.metres
         self._tracks = TrackLines()
         sink.write(b'{"type": "FeatureCollection", "features": [')
 
@@ -53,7 +55,8 @@ class _Writer:
 
     def close(self) -> None:
         for track in self._tracks.lines():
-            line = {"type": "LineString", "coordinates": [point for _, point in track.points]}
+            path = np.array([point for _, point in track.points])
+            line = _lines(cut_line(path) if self._on_earth and crosses_antimeridian(path[None])[0] else [path])
             own = {"feature": "track", **{name: _value(value) for name, value in track.values.items()}}
             properties = {**own, "time_s": [time_s for time_s, _ in track.points]}
             self._put({"type": "Feature", "geometry": line, "properties": properties})

@@ -92,3 +92,14 @@ def test_a_point_has_nothing_to_show(cli: Cli, tmp_path: Path) -> None:
     assert outcome.code == 1
     assert "nothing to show; set --field" in outcome.err
     assert cli("posterior", "p.csv", "--snapshot", 1, FIELD, "-o", "map.csv").code == 0
+
+
+@pytest.mark.parametrize("maps", [("--snapshot", "0"), ("--all",)])
+def test_an_id_in_two_inputs_is_no_snapshot(cli: Cli, tmp_path: Path, maps: tuple[str, ...]) -> None:
+    """Maps of two inputs with ids of their own would be one map of both."""
+    table = "snapshot,sensor,sensor_x_m,sensor_y_m,bearing_deg,bearing_std_deg\n0,a,0,0,45,3\n0,b,100,0,135,3\n"
+    (tmp_path / "1.csv").write_text(table)
+    (tmp_path / "2.csv").write_text(table.replace("45", "30"))
+    done = cli("posterior", "1.csv", "2.csv", *maps, "-o", "m.csv")
+    assert (done.code, (tmp_path / "m.csv").exists()) == (1, False)
+    assert "snapshot '0' is in 1.csv and in 2.csv" in done.err

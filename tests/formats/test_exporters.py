@@ -129,6 +129,21 @@ def test_gpx_by_gdal(tmp_path: Path) -> None:
     ]
 
 
+def test_a_path_across_180_degrees_is_cut_in_geojson(tmp_path: Path) -> None:
+    """GDAL reads a line on each side of the meridian, not one around the world."""
+    rows = "".join(f"{n},{400 * n - 1000},0,1,0,1,{n}\n" for n in range(6))
+    (tmp_path / "s.csv").write_text("snapshot,x_m,y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2,time_s\n" + rows)
+    words = ("-p", "acceleration_psd=1", "-q", "-o", "t.parquet")
+    assert run_here("track", "s.csv", *words, folder=tmp_path).returncode == 0
+    done = run_here("convert", "t.parquet", "--origin", "10,180", "-q", "-o", "t.geojson", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    frame = geopandas.read_file(tmp_path / "t.geojson")
+    (path,) = frame.geometry[frame["feature"] == "track"]
+    west, east = sorted(part.bounds[::2] for part in path.geoms)
+    assert (west[0], east[1]) == (-180.0, 180.0)
+    assert (west[1], east[0]) == pytest.approx((-179.9909, 179.9909), abs=1e-4)
+
+
 def test_kml_descriptions_are_html_of_the_values(tmp_path: Path) -> None:
     """A viewer that reads the description as HTML shows each value on a line of its own, markup as text, in full."""
     table = estimates().append_column("note", pa.array(["SNR<3 <img src=x>", "", None]))

@@ -35,10 +35,11 @@ _NEGLECTED = 1e-3
 
 _MOST_CUTS = 16
 _MOST_ROUNDS = 100
-_MOST_SQUARES = 1 << 19
-_KEPT = 1 << 12
-"""A snapshot of more rounds, or of so many squares more than sixteen a cell, has so many squares of each size cut, or
-as many as cells."""
+_MOST_SQUARES = 1 << 15
+_KEPT = 1 << 10
+_MOST_OF_RIDGE = 1 << 14
+"""A snapshot of more rounds, or of so many squares more than four a cell, has so many squares of each size cut, those
+of a ridge up to that many."""
 
 _SAME_SUM_NATS = 0.1
 """The quarters of a ridge have the sum of their squares to within this."""
@@ -115,32 +116,33 @@ def _settle(cost: CellCost, first: _Leaves, size: int, count: int, cell_m: float
             if len(quarters):
                 known = waiting.get(cuts + 1)
                 waiting[cuts + 1] = quarters if known is None else _joined([known, quarters])
-        left |= (squares > _MOST_SQUARES + 16 * count) | (rounds >= _MOST_ROUNDS)
+        left |= (squares > _MOST_SQUARES + 4 * count) | (rounds >= _MOST_ROUNDS)
     leaves = _joined(settled + list(waiting.values()))
     if not left.any():
         return leaves
-    narrow = _narrowed(cost, first.take(left[first.snapshot]), size, max(_KEPT, count), cell_m, log_share)
+    narrow = _narrowed(cost, first.take(left[first.snapshot]), size, cell_m, log_share)
     return _joined([leaves.take(~left[leaves.snapshot]), *narrow])
 
 
-def _narrowed(
-    cost: CellCost, squares: _Leaves, size: int, kept: int, cell_m: float, log_share: FloatArray
-) -> list[_Leaves]:
-    """Return the squares about the likeliest points: of each size the ``kept`` with the likeliest centres are cut.
+def _narrowed(cost: CellCost, squares: _Leaves, size: int, cell_m: float, log_share: FloatArray) -> list[_Leaves]:
+    """Return the squares about the likeliest points: of each size the few with the likeliest centres are cut.
 
-    More quarters with the sum of their squares are those of a long and narrow ridge: they are not cut.
+    Quarters with the sum of their squares are those of a long and narrow ridge: they stay, and too many are not cut.
     """
     settled: list[_Leaves] = []
     for cuts in range(_MOST_CUTS):
         done, quarters = _cut(cost, squares, cell_m * 0.5**cuts, cuts, log_share)
+        settled.append(done)
+        if not len(quarters):
+            break
         sums = np.logaddexp(_log_sums(done, size), _log_sums(quarters, size))
         with ignoring_invalid():
             ridge = np.abs(sums - _log_sums(squares, size)) <= _SAME_SUM_NATS
-        centres = _log_masses(cost, quarters, 0.0, cuts + 1, log_share) if len(quarters) else quarters.log_mass
-        light = ~_largest(centres, quarters.snapshot, kept)
-        ridge &= np.bincount(quarters.snapshot, light, minlength=size) > 0
-        settled += [done, quarters.take(ridge[quarters.snapshot])]
-        squares = quarters.take(~light & ~ridge[quarters.snapshot])
+        long = ridge & (np.bincount(quarters.snapshot, minlength=size) > _MOST_OF_RIDGE)
+        settled.append(quarters.take(long[quarters.snapshot]))
+        centres = _log_masses(cost, quarters, 0.0, cuts + 1, log_share)
+        kept = ridge[quarters.snapshot] | _largest(centres, quarters.snapshot, _KEPT)
+        squares = quarters.take(kept & ~long[quarters.snapshot])
         if not len(squares):
             break
     return settled

@@ -179,20 +179,29 @@ class PosteriorRun:
             yield chunk
 
     def _one_map(self) -> Iterator[ChunkTables]:
-        wanted, seen = self._maps.snapshot, 0
+        wanted, seen, source = self._maps.snapshot, 0, ""
         for chunk in self._chunks(self.reader):
             ids = [str(name) for name in chunk.snapshot.to_pylist()]
             seen += len(ids)
-            if wanted in ids:
-                index = ids.index(wanted)
-                yield from self._tables(chunk, index, index + 1)
-                if self.report.without:
-                    raise DataError(f"{chunk.source}: snapshot {wanted!r} has nothing to show: {_NO_MAP}")
+            if wanted not in ids:
+                continue
+            if source:
+                raise _in_two_inputs(wanted, source, chunk.source)
+            source, index = chunk.source, ids.index(wanted)
+            yield from self._tables(chunk, index, index + 1)
+            if self.report.without:
+                raise DataError(f"{chunk.source}: snapshot {wanted!r} has nothing to show: {_NO_MAP}")
+            if not self.reader.has_several_sources:
                 return
-        raise DataError(f"no snapshot {wanted!r} among the {seen} of the input")
+        if not source:
+            raise DataError(f"no snapshot {wanted!r} among the {seen} of the input")
 
     def _all_maps(self) -> Iterator[ChunkTables]:
+        sources: dict[str, str] = {}
         for chunk in self._chunks(self.reader):
+            for name in chunk.snapshot.to_pylist() if self.reader.has_several_sources else ():
+                if sources.setdefault(str(name), chunk.source) != chunk.source:
+                    raise _in_two_inputs(str(name), sources[str(name)], chunk.source)
             yield from self._tables(chunk, 0, len(chunk.snapshot))
         if self.report.without == self.report.snapshots:
             raise DataError(f"no snapshot has anything to show: each has {_NO_MAP}")
@@ -242,6 +251,13 @@ class PosteriorRun:
         self.report.grid = grid
         arrays = {"x_m": x, "y_m": y, "probability": probability, "hpd": hpd_shares(probability[None])[0]}
         return ChunkTables(named={"posterior": posterior_table(arrays, self.schemas["posterior"], snapshot)}, rows=rows)
+
+
+def _in_two_inputs(snapshot: str, first: str, second: str) -> DataError:
+    return DataError(
+        f"snapshot {snapshot!r} is in {first} and in {second}, and a map has no column for its input; make the maps of "
+        "one input at a time, or make the ids unique"
+    )
 
 
 _NO_MAP = "no row that is used, or no possible cell in the search region"
