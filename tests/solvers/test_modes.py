@@ -80,7 +80,7 @@ def test_abandoned_starts_keep_their_point() -> None:
     origin = np.array([[-10.0, 10.0, 0.0]] * 2), np.array([[0.0, -5.0, 12.0]] * 2)
     problem = BearingProblem(*origin, np.cos(angle), np.sin(angle), np.full((2, 3), 50.0))
     free = minimize(problem, np.array([1.0, 1.0]), np.array([2.0, 2.0]))
-    held = minimize(problem, np.array([1.0, 1.0]), np.array([2.0, 2.0]), give_up=lambda rows, x, y: rows == 0)
+    held = minimize(problem, np.array([1.0, 1.0]), np.array([2.0, 2.0]), give_up=lambda rows, at, x, y: rows == 0)
     assert held.converged.tolist() == [False, True]
     assert (held.x[0], held.y[0]) == (1.0, 2.0)
     assert held.x[1] == free.x[1]

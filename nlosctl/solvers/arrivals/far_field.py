@@ -77,7 +77,7 @@ def _may_be_open(rows: ArrivalRows, *point: FloatArray) -> BoolArray:
 def _is_open(rows: ArrivalRows, *point: FloatArray) -> BoolArray:
     problem, far_m = ArrivalProblem.of_rows(rows), AT_INFINITY * rows.size_m()
     with ignoring_overflow():
-        wave = _wave_cost(problem, far_m, _likeliest(problem, far_m, _normalized(point)))
+        wave = _wave_cost(problem, far_m, _likeliest(rows, far_m, _normalized(point)))
         fix = problem.evaluate(*point).cost
     with ignoring_invalid():
         return np.asarray(wave - fix <= _LEAST_NATS)
@@ -113,16 +113,14 @@ def _wave_cost(problem: ArrivalProblem, far_m: FloatArray, unit: tuple[FloatArra
     return problem.evaluate(*(part * far_m for part in unit)).cost
 
 
-def _likeliest(problem: ArrivalProblem, far_m: FloatArray, unit: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
+def _likeliest(rows: ArrivalRows, far_m: FloatArray, unit: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
     """Return the likeliest of unit vectors and of those whose coordinates are equal in size or zero."""
-    least = problem.evaluate(*(part * far_m for part in unit)).cost
-    for signs in product((-1.0, 0.0, 1.0), repeat=len(unit)):
-        if any(signs):
-            other = tuple(np.full(far_m.shape, sign / np.linalg.norm(signs)) for sign in signs)
-            cost = problem.evaluate(*(part * far_m for part in other)).cost
-            unit = tuple(np.where(cost < least, new, old) for new, old in zip(other, unit, strict=True))
-            least = np.fmin(least, cost)
-    return unit
+    signs = np.array([signs for signs in product((-1.0, 0.0, 1.0), repeat=len(unit)) if any(signs)])
+    coarse = (signs / np.linalg.norm(signs, axis=1)[:, None]).T
+    tried = [np.column_stack([own, np.tile(part, (own.size, 1))]) for own, part in zip(unit, coarse, strict=True)]
+    cost = rows.half_chi_squares(*(part * far_m[:, None] for part in tried))
+    best = np.argmin(np.where(np.isnan(cost), np.inf, cost), axis=1)
+    return tuple(part[np.arange(best.size), best] for part in tried)
 
 
 def _normalized(vector: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:

@@ -199,12 +199,16 @@ class _Search:
         """Follow initial points, each until it is clear that it leads to the known mode."""
         known = self.known.take(starts.snapshot)
 
-        def leads_to_known(rows: IntArray, *point: FloatArray) -> BoolArray:
+        def leads_to_known(rows: IntArray, point: Point) -> BoolArray:
             away = [part - other[rows] for part, other in zip(point, known.point, strict=True)]
             return known.hessian.take(rows).quadratic_form(*away) < _ATTRACTED * _ATTRACTED
 
-        end = minimize(self.mixture.take(starts.snapshot), *starts.point, give_up=leads_to_known)
-        new = np.flatnonzero(~leads_to_known(np.arange(starts.snapshot.shape[0]), *end.point))
+        end = minimize(
+            self.mixture.take(starts.snapshot),
+            *starts.point,
+            give_up=lambda rows, at, *point: leads_to_known(rows, point),
+        )
+        new = np.flatnonzero(~leads_to_known(np.arange(starts.snapshot.shape[0]), end.point))
         self._note(rows_of(end, new), starts.snapshot[new], rows_of(starts.point, new))
 
     def _note(self, end: Minimum, snapshot: IntArray, start: Point) -> _Descents:

@@ -98,7 +98,8 @@ def minimize(
     matrix is that before the last step. Rows whose initial point is not finite (cost NaN), rows that find no way
     down and rows that have not settled after ``max_iterations`` steps are marked not converged and keep their last
     point. A row is given up after ``patience`` refused steps, which means that the cost jumps where the step leads,
-    as at a sensor; and where ``give_up(rows, *point)`` returns true for the problems ``rows`` (N,) at their points.
+    as at a sensor; and where ``give_up(rows, at, *point)`` returns true for the problems ``rows`` (N,), evaluated
+    ``at`` their points.
     """
     with ignoring_overflow():
         minimum = _unsettled(start)
@@ -108,7 +109,7 @@ def minimize(
             arrived = (step.length <= tolerance) | _settles_quadratically(state, step.length)
             stalled = state.refused >= patience
             if give_up is not None:
-                stalled |= give_up(state.rows, *state.point)
+                stalled |= give_up(state.rows, state.at, *state.point)
             if np.count_nonzero(arrived | stalled):
                 arrived &= ~state.settled
                 stalled &= ~(state.settled | arrived)

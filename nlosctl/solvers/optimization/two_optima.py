@@ -13,7 +13,7 @@ from nlosctl.arrays import BoolArray, FloatArray, IntArray, ignoring_invalid
 from nlosctl.geometry.blocks import RowBlock
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.optimization.levenberg_marquardt import minimize
-from nlosctl.solvers.optimization.problem import Problem
+from nlosctl.solvers.optimization.problem import Evaluation, Problem
 
 __all__ = ["End", "Landscape", "TwoBest", "are_apart", "are_images", "find_best_two", "nearer_first"]
 
@@ -28,6 +28,11 @@ _BLOCKS_AT_ONCE = 4
 
 _NO_RIVAL = 1e3
 """A point this many nats worse than a good fit is the start of no other good one."""
+
+_BASIN = 3.0
+_BOWL = 0.1
+"""A descent within so many standard deviations of the first optimum ends there if cost and slope are those of the
+parabola about that optimum, up to this share. The cost alone may agree beyond a mirror image of a broad optimum."""
 
 _EQUAL = 1e-9
 """Costs that differ by a smaller share are equal."""
@@ -141,7 +146,7 @@ def find_best_two(
     cost = landscape.half_chi_squares(*(part.T for part in coordinates)).T
     order, every = np.argsort(np.where(np.isnan(cost), np.inf, cost), axis=0, kind="stable"), np.arange(cost.shape[1])
     cost, coordinates = cost[order, every], [part[order, every] for part in coordinates]
-    first = _descend(problem, [part[0] for part in coordinates], max_iterations, far_m)
+    first, hessian = _descend(problem, [part[0] for part in coordinates], max_iterations, far_m)
     open_points = np.isfinite(cost)
     open_points[0] = False
     if plausible is not None:
@@ -153,7 +158,11 @@ def find_best_two(
     for begin in range(0, rank.size, step):
         numbers, rows = rank[begin : begin + step], snapshot[begin : begin + step]
         start = [part[numbers, rows] for part in coordinates]
-        end = _descend(problem.take(rows), start, max_iterations, None if far_m is None else far_m[rows])
+        far = None if far_m is None else far_m[rows]
+        bowl = _Bowl(first.take(rows), hessian.take(rows))
+        end, _ = _descend(problem.take(rows), start, max_iterations, far, bowl.leads_to_first)
+        ended = np.flatnonzero(end.converged | ~first.converged[rows])
+        numbers, rows, end = numbers[ended], rows[ended], end.take(ended)
         information = landscape.take(rows).information(*end.point)
         for number in range(1, cost.shape[0]):
             some = np.flatnonzero(numbers == number)
@@ -161,13 +170,40 @@ def find_best_two(
     return optima.best, optima.other
 
 
-def _descend(problem: Problem, start: list[FloatArray], max_iterations: int, far_m: FloatArray | None) -> End:
-    minimum = minimize(problem, *start, max_iterations=max_iterations, patience=_PATIENCE)
+@dataclass(frozen=True)
+class _Bowl:
+    """The first optimum of each further descent (N,), with the second derivatives there."""
+
+    first: End
+    hessian: SymmetricMatrix
+
+    def leads_to_first(self, rows: IntArray, at: Evaluation, *point: FloatArray) -> BoolArray:
+        """Return which descents of ``rows``, evaluated ``at`` their points, lead to the optimum."""
+        first = self.first.take(rows)
+        with ignoring_invalid():
+            away = [part - own for part, own in zip(point, first.point, strict=True)]
+            rise = 0.5 * self.hessian.take(rows).quadratic_form(*away)
+            slope = reduce(np.add, [part * own for part, own in zip(at.gradient, away, strict=True)])
+            known: BoolArray = first.converged & (rise <= 0.5 * _BASIN**2)
+            known &= np.abs(at.cost - first.cost - rise) <= _BOWL * rise
+            known &= np.abs(slope - 2.0 * rise) <= 2.0 * _BOWL * rise
+        return known
+
+
+def _descend(
+    problem: Problem,
+    start: list[FloatArray],
+    max_iterations: int,
+    far_m: FloatArray | None,
+    give_up: Callable[..., BoolArray] | None = None,
+) -> tuple[End, SymmetricMatrix]:
+    """Return where descents end, and the second derivatives there."""
+    minimum = minimize(problem, *start, max_iterations=max_iterations, patience=_PATIENCE, give_up=give_up)
     converged = minimum.converged
     if far_m is not None:
         with ignoring_invalid():
             converged = converged | (reduce(np.hypot, minimum.point) > far_m)
-    return End(minimum.point, minimum.cost, converged & np.isfinite(minimum.cost))
+    return End(minimum.point, minimum.cost, converged & np.isfinite(minimum.cost)), minimum.hessian
 
 
 def nearer_first(one: End, other: End) -> tuple[End, End]:
