@@ -127,6 +127,7 @@ def bound(
     use_ranges: bool = True,
     target_z_m: float | None = None,
     target_z_std_m: float | None = None,
+    motion: str = "none",
     **stds: Any,
 ) -> Any:
     """Return the Cramér-Rao bound of each snapshot at its true position as a table; see ``nlosctl bound``.
@@ -134,13 +135,14 @@ def bound(
     With ``map`` (xmin, xmax, ymin, ymax, step, in metres) the bound is over a grid of positions, for the sensors, paths
     and standard deviations of the first snapshot. ``noise`` is the error distribution, gaussian or laplace; without
     ``use_ranges`` the ranges in a table of bearings are not used. ``target_z_m`` is the height of the
-    source, for slant ranges. The other arguments are those of `localize`.
+    source, for slant ranges. ``motion`` velocity is the bound on position and velocity of sources that move within a
+    snapshot. The other arguments are those of `localize`.
 
     Raises DataError for faults of the data, UsageError for an invalid map.
     """
     read = input_options(columns, constants, scene, stds, kind=kind, all_rows=all_rows, crs=crs, origin=origin)
     heights: dict[str, Any] = {"target_z_m": target_z_m, "target_z_std_m": target_z_std_m}
-    options = SolveOptions(noise=noise, use_ranges=use_ranges, **heights)
+    options = SolveOptions(noise=noise, use_ranges=use_ranges, parameters={"motion": motion}, **heights)
     bounds = TableSink()
     bound_job.bound(
         inputs_of(table),

@@ -189,7 +189,7 @@ class SolveOptions:
     parameters: Mapping[str, Any] = option(
         {}, "--param", "Method",
         "Parameter of method, scenario, format or figure; METHOD:KEY=VALUE: only that method. Repeatable.",
-        f"{_METHOD} simulate convert reproduce", short="-p", metavar="KEY=VALUE", complete="parameter")
+        f"{_METHOD} bound simulate convert reproduce", short="-p", metavar="KEY=VALUE", complete="parameter")
     sweep: Mapping[str, Any] = option(
         {}, "--sweep", "Method", "Parameter values to run in turn; several sweeps form a grid. Repeatable.",
         f"{_SOLVE} simulate", metavar="KEY=V1,V2,...", complete="parameter")

@@ -124,3 +124,34 @@ def test_other_commands_refuse_motion(cli: Cli, ships: Path) -> None:
     assert (track.code, posterior.code) == (2, 2)
     assert "motion=velocity is for localize" in track.err
     assert "leave out motion=velocity" in posterior.err
+
+
+def test_the_bound_is_the_inverse_information_of_all_rows(cli: Cli, ships: Path) -> None:
+    """Bounds of position and velocity are those of finite differences of the exact bearings; null without a turn."""
+    assert cli("bound", "ships.csv", "-p", "motion=velocity", "-q", "-o", "b.parquet").code == 0
+    found, given = pq.read_table(ships.parent / "b.parquet").to_pydict(), pc.read_csv(ships)
+    block = {name: given.column(name).to_numpy().reshape(12, 21) for name in given.column_names if name[-1] in "ms"}
+    for snapshot in (0, 5):
+        own = {name: values[snapshot] for name, values in block.items()}
+        elapsed = own["time_s"] - own["time_s"].mean()
+
+        def bearings(state: np.ndarray, own: dict[str, np.ndarray] = own, elapsed: np.ndarray = elapsed) -> np.ndarray:
+            x, y = (state[axis] + elapsed * state[2 + axis] for axis in (0, 1))
+            return np.arctan2(y - own["sensor_y_m"], x - own["sensor_x_m"])
+
+        truth = [own["truth_x_m"].mean(), own["truth_y_m"].mean(), own["truth_vx_m_s"][0], own["truth_vy_m_s"][0]]
+        state, steps = np.array(truth), np.diag([0.1, 0.1, 1e-4, 1e-4])
+        slopes = np.stack([(bearings(state + h) - bearings(state - h)) / (2.0 * h.sum()) for h in steps], axis=1)
+        wanted = np.linalg.inv(slopes.T @ slopes) * np.radians(0.2) ** 2
+        for name, (one, other) in {
+            "xx_m2": (0, 0),
+            "xy_m2": (0, 1),
+            "vxvx_m2_s2": (2, 2),
+            "vyvy_m2_s2": (3, 3),
+        }.items():
+            assert found[f"bound_{name}"][snapshot] == pytest.approx(wanted[one, other], rel=1e-3)
+        assert found["time_s"][snapshot] == 600.0
+    straight = cli("simulate", "ship", "-n", 3, "-p", "turns=0", "-q", "--format", "csv").out
+    none = cli("bound", "-", "-p", "motion=velocity", "-q", stdin=straight).table
+    assert none.column("rms_m").null_count == none.column("bound_vxvx_m2_s2").null_count == 3
+    assert cli("bound", "ships.csv", "-p", "motion=velocity", "--map", "0,1,0,1,1").code == 2

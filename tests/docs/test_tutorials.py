@@ -24,6 +24,7 @@ EXAMPLES = [
     "conventions",
     "earth",
     "echoes",
+    "moving-sources",
     "outliers",
     "over-the-horizon",
     "plotting",
@@ -76,6 +77,7 @@ def test_every_figure_is_shown() -> None:
 
 
 WITHOUT_PICTURE = {
+    "a-ship-that-listens",
     "a-walk-indoors",
     "an-aircraft-and-its-altitude",
     "anchors-on-a-ceiling",
@@ -85,8 +87,8 @@ WITHOUT_PICTURE = {
 }
 
 
-def test_there_are_thirteen_tutorials() -> None:
-    """Seven with a picture, three in space (ceiling, arrays, one station), two of arrival times, one of a walk."""
+def test_there_are_fourteen_tutorials() -> None:
+    """Seven with a picture, three in space (ceiling, arrays, one station), two of arrival times, two of what moves."""
     names = [Path(name).stem for name in TUTORIALS]
     assert sorted({*names} - WITHOUT_PICTURE) == [
         "anchors-with-offsets",

@@ -45,6 +45,23 @@ BOUND = Table(
         Column(
             name="n_used", type="integer", required=True, meaning="rows with a free path to the position in this scene"
         ),
-        Column(name="time_s", type="number", unit="s", nullable=True, meaning="mean time of the rows kept in a window"),
+        Column(
+            name="time_s",
+            type="number",
+            unit="s",
+            nullable=True,
+            meaning="mean time of the rows kept in a window, or of a source that moves",
+        ),
+        *(
+            Column(
+                name=f"bound_v{one}v{other}_m2_s2",
+                type="number",
+                unit="m2/s2",
+                nullable=True,
+                of_space="z" in (one, other),
+                meaning="least covariance of an unbiased estimate of the velocity of a source that moves",
+            )
+            for one, other in ("xx", "xy", "yy", "xz", "yz", "zz")
+        ),
     ),
 )

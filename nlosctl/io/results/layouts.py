@@ -22,7 +22,7 @@ from nlosctl.io.readers.base import plain_type
 
 __all__ = [
     "COVARIANCE",
-    "MEAN_TIME",
+    "MEAN_OF_ROWS",
     "OF_SPACE",
     "POSITION",
     "TRUTH_NAMES",
@@ -41,7 +41,7 @@ __all__ = [
 OF_SPACE = ("z_m", "cov_xz_m2", "cov_yz_m2", "cov_zz_m2")
 """The columns of estimates in three dimensions beside those of the plane."""
 
-MEAN_TIME = "mean_time_s"
+MEAN_OF_ROWS = "mean_time_s"
 """The column of a chunk with the mean time of each row's snapshot, where its source moves within it."""
 
 TRUTH_NAMES = ("truth_x_m", "truth_y_m")
@@ -194,8 +194,8 @@ class EstimatesLayout:
         values |= dict(zip(COVARIANCE, map(nullable, estimates.covariance_m2.T), strict=False))
         if chunk.windows is not None:
             values["time_s"] = pa.array(chunk.windows.time_s[estimates.snapshot])
-        elif MEAN_TIME in chunk.columns:
-            values["time_s"] = pa.array(chunk.columns[MEAN_TIME][estimates.first_rows(chunk)])
+        elif MEAN_OF_ROWS in chunk.columns:
+            values["time_s"] = pa.array(chunk.columns[MEAN_OF_ROWS][estimates.first_rows(chunk)])
         values |= {name: nullable(column) for name, column in estimates.columns.items()}
         if "covariance_kind" in self.optional:
             values["covariance_kind"] = pa.array(estimates.covariance_kind, pa.string())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -62,17 +62,17 @@ def measurement_table(
     return pa.table(arrays)
 
 
-def bound_schema(input_schema: Any | None, dimension: int = 2, by: Sequence[str] | None = None) -> Any:
+def bound_schema(
+    input_schema: Any | None, dimension: int = 2, by: Sequence[str] | None = None, of_motion: Collection[str] = ()
+) -> Any:
     """Return the Arrow schema of bounds in a dimension; without an input (a map) there is no ``snapshot``.
 
-    Of snapshots that are windows of time it has ``time_s`` and the columns ``by``; None: they are not.
+    Of snapshots that are windows of time it has ``time_s`` and the columns ``by``; None: they are not. ``of_motion``
+    are the columns of sources that move.
     """
-    of_windows = {MEAN_TIME} if by is not None and input_schema is not None else set()
-    columns = (
-        column
-        for column in BOUND.columns[1:]
-        if column.required or (column.name in of_windows if column.name == MEAN_TIME else dimension == 3)
-    )
+    wanted = {MEAN_TIME, *of_motion} if by is not None and input_schema is not None else {*of_motion}
+    wanted |= {"z_m", *(f"bound_{axes}_m2" for axes in ("xz", "yz", "zz"))} if dimension == 3 else set()
+    columns = (column for column in BOUND.columns[1:] if column.required or column.name in wanted)
     fields = [pa.field(column.name, ARROW_TYPES[column.type]) for column in columns]
     if input_schema is None:
         return pa.schema(fields)

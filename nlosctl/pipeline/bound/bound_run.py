@@ -12,14 +12,8 @@ from nlosctl.contract.run_options import SolveOptions
 from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.measurements.windows.window_tally import window_remarks
 from nlosctl.io.paths.inputs import Input
-from nlosctl.pipeline.bound.bounds import (
-    MapGrid,
-    bounds_at_truth,
-    bounds_on_map,
-    first_chunk,
-    map_sensors,
-    result_schema,
-)
+from nlosctl.pipeline.bound.bounds import bounds_at_truth, bounds_on_map, first_chunk, map_sensors, result_schema
+from nlosctl.pipeline.bound.map_grid import MapGrid
 from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata, read_settings
 from nlosctl.pipeline.solve.target_heights import height_settings, heights_remark
 
@@ -85,6 +79,7 @@ class BoundRun:
     def provenance(self) -> dict[str, Any]:
         """Return the options that determine the results, as plain values."""
         content = {"map": self._map, "noise": self._options.noise, "use_ranges": self._options.use_ranges}
+        content |= {"motion": "velocity"} if self.reader.options.keep_times else {}
         return content | height_settings(self._options) | read_settings(self.reader)
 
     def choices(self) -> dict[str, Any]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,10 +19,11 @@ from nlosctl.errors import DataError, UsageError
 from nlosctl.evaluation.bounds import Bounds, SpaceBounds, bounds_of
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.results.evaluation_arrays import boolean_codes
-from nlosctl.io.results.layouts import TRUTH_NAMES, truth_positions
+from nlosctl.io.results.layouts import MEAN_OF_ROWS, TRUTH_NAMES, truth_positions
 from nlosctl.io.results.tables import MEAN_TIME, bound_schema, bound_table
 from nlosctl.models.information import INFORMATION, Information
 from nlosctl.models.shared_causes.causes import SharedCauses
+from nlosctl.pipeline.bound.map_grid import POSITIONS_AT_ONCE, MapGrid
 from nlosctl.pipeline.solve.reference_rows import alike_blocks
 from nlosctl.pipeline.solve.reflected_ranges import refuse_circle_ranges, refuse_reflected_ranges
 from nlosctl.pipeline.solve.shared_causes.chunk_causes import batch_causes
@@ -31,68 +31,25 @@ from nlosctl.pipeline.solve.shared_causes.correlated_bound import information_wi
 from nlosctl.pipeline.solve.solve_chunk import dense_batch, dense_blocks
 from nlosctl.pipeline.solve.target_heights import with_target_heights
 
-__all__ = ["MapGrid", "bounds_at_truth", "bounds_on_map", "first_chunk", "map_sensors", "parse_map", "result_schema"]
+__all__ = ["bounds_at_truth", "bounds_on_map", "first_chunk", "map_sensors", "result_schema"]
 
 
-_POSITIONS_AT_ONCE = 4096
 _INFORMATION_PER_VARIANCE = {"gaussian": 1.0, "laplace": 2.0}
 """Fisher information of a location, times the variance: 1 for Gaussian errors, 2 for Laplacian ones.
 
 Of the rows: the error of a measured height is Gaussian.
 """
-_MOST_VERTICES = 100_000_000
-
-
-@dataclass(frozen=True, kw_only=True)
-class MapGrid:
-    """Positions (V,) on a grid, row by row from the smallest y; an end is included if the step reaches it."""
-
-    x_min_m: float
-    x_max_m: float
-    y_min_m: float
-    y_max_m: float
-    step_m: float
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """The number of vertices along x and along y."""
-        return self._count(self.x_min_m, self.x_max_m), self._count(self.y_min_m, self.y_max_m)
-
-    def blocks(self) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Yield x and y of the vertices, a block at a time."""
-        along_x, along_y = self.shape
-        for start in range(0, along_x * along_y, _POSITIONS_AT_ONCE):
-            number = np.arange(start, min(start + _POSITIONS_AT_ONCE, along_x * along_y))
-            x: FloatArray = self.x_min_m + self.step_m * (number % along_x).astype(np.float64)
-            y: FloatArray = self.y_min_m + self.step_m * (number // along_x).astype(np.float64)
-            yield x, y
-
-    def _count(self, low: float, high: float) -> int:
-        return int(np.floor((high - low) / self.step_m + 1e-9)) + 1
-
-
-def parse_map(text: str) -> MapGrid:
-    """Return the grid of ``xmin,xmax,ymin,ymax,step`` in metres; raises UsageError."""
-    wanted = f"`map` takes xmin,xmax,ymin,ymax,step in metres, rising and step above 0. Got {text!r} instead."
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        raise UsageError(wanted) from None
-    if len(numbers) != 5 or not np.isfinite(numbers).all():
-        raise UsageError(wanted)
-    x_min, x_max, y_min, y_max, step = numbers
-    if x_min > x_max or y_min > y_max or step <= 0.0:
-        raise UsageError(wanted)
-    grid = MapGrid(x_min_m=x_min, x_max_m=x_max, y_min_m=y_min, y_max_m=y_max, step_m=step)
-    if grid.shape[0] * grid.shape[1] > _MOST_VERTICES:
-        raise UsageError(f"`map` {text} has {grid.shape[0] * grid.shape[1]} vertices, more than {_MOST_VERTICES}")
-    return grid
 
 
 def result_schema(reader: MeasurementReader, grid: MapGrid | None) -> Any:
     """Return the Arrow schema of the bounds."""
     by = None if reader.options.window is None else reader.options.by
-    return bound_schema(reader.table_schema if grid is None else None, reader.dimension, by)
+    names: tuple[str, ...] = ()
+    if reader.options.keep_times:
+        from nlosctl.pipeline.bound.moving_bound import velocity_names
+
+        names = (MEAN_TIME, *velocity_names(reader.dimension))
+    return bound_schema(reader.table_schema if grid is None else None, reader.dimension, by, names)
 
 
 def bounds_at_truth(reader: MeasurementReader, options: SolveOptions) -> Iterator[Any]:
@@ -103,6 +60,9 @@ def bounds_at_truth(reader: MeasurementReader, options: SolveOptions) -> Iterato
     """
     schema = result_schema(reader, None)
     model = INFORMATION[_supported(reader)]
+    if reader.options.keep_times:
+        yield from _moving_bounds(reader, options, schema)
+        return
     for chunk in reader.chunks():
         truth = _truth(chunk, reader.dimension)
         arrays = _no_bounds(truth)
@@ -110,7 +70,7 @@ def bounds_at_truth(reader: MeasurementReader, options: SolveOptions) -> Iterato
             arrays[MEAN_TIME] = chunk.windows.time_s
         chunk = _as_modelled(chunk, reader, options)
         kept = ~chunk.left_out & _may_be_direct(chunk)
-        for snapshot, row in dense_blocks(chunk.offsets, kept, _POSITIONS_AT_ONCE):
+        for snapshot, row in dense_blocks(chunk.offsets, kept, POSITIONS_AT_ONCE):
             if row.shape[1]:
                 for mine, rows in alike_blocks(chunk, snapshot, row):
                     batch = _without_ranges(_batch(reader, chunk, rows), options)
@@ -119,6 +79,31 @@ def bounds_at_truth(reader: MeasurementReader, options: SolveOptions) -> Iterato
                     information = model.at(batch, *point.T)
                     information = information_with_causes(information, reader.kind, batch, point, causes, options.noise)
                     _write_bounds(arrays, mine, information, options)
+        yield bound_table(arrays, schema, chunk.snapshot, chunk.table, chunk.offsets[:-1])
+
+
+def _moving_bounds(reader: MeasurementReader, options: SolveOptions, schema: Any) -> Iterator[Any]:
+    """Yield that of sources that move within a snapshot, at their true positions at the mean time."""
+    from nlosctl.pipeline.bound.moving_bound import moving_information, refuse_scene, true_velocity, velocity_names
+    from nlosctl.pipeline.solve.motion.moving_sources import at_mean_time, refuse_motion, with_row_times
+
+    _supported(reader)
+    refuse_scene(reader)
+    refuse_motion(reader, options)
+    for chunk in reader.chunks():
+        chunk = with_row_times(_as_modelled(chunk, reader, options), reader)
+        truth, velocity = _truth(at_mean_time(chunk), reader.dimension), true_velocity(chunk, reader.dimension)
+        arrays = _no_bounds(truth) | {MEAN_TIME: chunk.columns[MEAN_OF_ROWS][chunk.offsets[:-1]]}
+        arrays |= {name: np.full(len(truth), np.nan) for name in velocity_names(reader.dimension)}
+        kept = ~chunk.left_out & _may_be_direct(chunk)
+        for snapshot, row in dense_blocks(chunk.offsets, kept, POSITIONS_AT_ONCE):
+            if row.shape[1]:
+                batch = _without_ranges(_batch(reader, chunk, row), options)
+                scale = _INFORMATION_PER_VARIANCE[options.noise]
+                information, of_velocity = moving_information(batch, truth[snapshot], velocity[snapshot], scale)
+                _write_bounds(arrays, snapshot, information, dataclasses.replace(options, noise="gaussian"))
+                for name, values in of_velocity.items():
+                    arrays[name][snapshot] = values
         yield bound_table(arrays, schema, chunk.snapshot, chunk.table, chunk.offsets[:-1])
 
 

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from nlosctl.arrays import BoolArray, FloatArray, IntArray, StatusArray, ignoring_invalid
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, StatusArray, ignoring_invalid
 from nlosctl.contract.batches import Batch, BearingBatch, RangeBatch
 from nlosctl.contract.results import Flags, Solution
 from nlosctl.contract.statuses import Status
@@ -32,7 +32,7 @@ from nlosctl.solvers.tracking.moving_source import MovingOptimum, find_moving_op
 from nlosctl.solvers.tracking.moving_starts import bearing_starts, range_starts, ray_origins
 from nlosctl.solvers.tracking.trusted_rows import trusted_bearings, trusted_ranges
 
-__all__ = ["solve_moving_bearings", "solve_moving_ranges"]
+__all__ = ["moving_rows", "solve_moving_bearings", "solve_moving_ranges"]
 
 _PLAUSIBLE_STDS = 5.0
 """Bearings of the opposite sense explain a snapshot if their chi-square is within so many of its standard deviations.
@@ -100,6 +100,17 @@ def solve_moving_ranges(
     scalars = np.full(batch.size, batch.measurements)
     status[scalars < len(optima[0].state)] = Status.TOO_FEW
     return _finished(batch, rows, moving, optima, (status, other_status), scalars, ambiguous_within, followed.residuals)
+
+
+def moving_rows(batch: BearingBatch | RangeBatch) -> tuple[MovingRows, Point]:
+    """Return the rows of a batch at their times, and the local origins; raises UsageError as the solutions do."""
+    elapsed_s = _times(batch)
+    if isinstance(batch, RangeBatch):
+        circles = range_rows(batch)
+        return MovingRows.of(trusted_ranges(batch).rows, circles.sensor, elapsed_s), circles.center
+    lines: Any = _straight_lines(batch)
+    followed = trusted_bearings(batch, use_ranges=True, lognormal=False)
+    return MovingRows.of(followed.rows, ray_origins(lines), elapsed_s), lines.center
 
 
 def _times(batch: Batch) -> FloatArray:

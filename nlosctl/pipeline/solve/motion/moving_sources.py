@@ -14,12 +14,12 @@ from nlosctl.contract.run_options import SolveOptions
 from nlosctl.contract.tables import OF_MOVING
 from nlosctl.errors import UsageError
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
-from nlosctl.io.results.layouts import MEAN_TIME
+from nlosctl.io.results.layouts import MEAN_OF_ROWS
 from nlosctl.io.results.snapshot_rows import elapsed_times, mean_times, mean_truth
 from nlosctl.pipeline.solve.method_runs import MethodRun
 from nlosctl.pipeline.solve.target_heights import has_geometry_stds
 
-__all__ = ["at_mean_time", "check_motion", "estimates_velocity", "with_row_times"]
+__all__ = ["at_mean_time", "check_motion", "estimates_velocity", "refuse_motion", "with_row_times"]
 
 
 def estimates_velocity(run: MethodRun) -> bool:
@@ -29,8 +29,12 @@ def estimates_velocity(run: MethodRun) -> bool:
 
 def check_motion(reader: MeasurementReader, runs: Sequence[MethodRun], options: SolveOptions) -> None:
     """Raise UsageError if a run estimates velocities, and the input or another option has no model of motion."""
-    if not any(map(estimates_velocity, runs)):
-        return
+    if any(map(estimates_velocity, runs)):
+        refuse_motion(reader, options)
+
+
+def refuse_motion(reader: MeasurementReader, options: SolveOptions) -> None:
+    """Raise UsageError if the input or an option has no model of motion."""
     frame, motion = reader.scene.frame, "motion=velocity"
     if frame is not None and frame.on_ellipsoid:
         raise UsageError(f"{motion} on the earth is of two dimensions; set `dimensions` to 2")
@@ -47,10 +51,10 @@ def check_motion(reader: MeasurementReader, runs: Sequence[MethodRun], options: 
 
 
 def with_row_times(chunk: Chunk, reader: MeasurementReader) -> Chunk:
-    """Return a chunk that has ticks with the columns ``elapsed_s``, see `Batch`, and `MEAN_TIME`."""
+    """Return a chunk that has ticks with the columns ``elapsed_s``, see `Batch`, and `MEAN_OF_ROWS`."""
     column = "time_s" if "time_s" in reader.column_names else "time"
     mean = np.repeat(mean_times(chunk, column), np.diff(chunk.offsets))
-    times = {"elapsed_s": elapsed_times(chunk, column), MEAN_TIME: mean}
+    times = {"elapsed_s": elapsed_times(chunk, column), MEAN_OF_ROWS: mean}
     return dataclasses.replace(chunk, columns={**chunk.columns, **times})
 
 
