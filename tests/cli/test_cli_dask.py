@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -90,19 +92,28 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
         yield cluster
 
 
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The current folder, with parts of measurements with outliers, and their local results."""
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with parts of measurements with outliers, and their local results."""
+    folder = tmp_path_factory.mktemp("solved")
     parameters = ("-p", "nlos_receivers=2", "-p", "nlos_span_deg=360", "-p", "bearing_std_deg=2")
-    assert run(["simulate", "madhow-ring", "-n", str(PARTS * SNAPSHOTS), *parameters, "-o", "m.parquet", "-q"]) == 0
-    table = pyarrow.parquet.read_table("m.parquet")
-    cuts = [index * table.num_rows // PARTS + (3 if 0 < index < PARTS else 0) for index in range(PARTS + 1)]
-    Path("in").mkdir()
-    for number, (first, behind) in enumerate(pairwise(cuts)):  # within snapshots
-        pyarrow.parquet.write_table(table.slice(first, behind - first), f"in/p{number}.parquet")
-    Path("m.parquet").unlink()
-    assert run([*WORDS, "-o", "local/", "--flags-out", "local_flags/"]) == 0
+    with contextlib.chdir(folder):
+        assert run(["simulate", "madhow-ring", "-n", str(PARTS * SNAPSHOTS), *parameters, "-o", "m.parquet", "-q"]) == 0
+        table = pyarrow.parquet.read_table("m.parquet")
+        cuts = [index * table.num_rows // PARTS + (3 if 0 < index < PARTS else 0) for index in range(PARTS + 1)]
+        Path("in").mkdir()
+        for number, (first, behind) in enumerate(pairwise(cuts)):  # within snapshots
+            pyarrow.parquet.write_table(table.slice(first, behind - first), f"in/p{number}.parquet")
+        Path("m.parquet").unlink()
+        assert run([*WORDS, "-o", "local/", "--flags-out", "local_flags/"]) == 0
+    return folder
+
+
+@pytest.fixture
+def folder(solved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the solved folder, which is the current one."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(solved, tmp_path, dirs_exist_ok=True)
     return tmp_path
 
 
@@ -182,8 +193,15 @@ def short_lived(tmp_path: Path) -> Iterator[tuple[Cluster, subprocess.Popen[byte
         yield cluster, scheduler
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-@pytest.mark.parametrize("lost", ["scheduler", "worker"])
+@pytest.mark.parametrize(
+    ("lost", "number"),
+    [
+        ("scheduler", signal.SIGKILL),
+        ("worker", signal.SIGSTOP),
+        pytest.param("scheduler", signal.SIGSTOP, marks=pytest.mark.slow),
+        pytest.param("worker", signal.SIGKILL, marks=pytest.mark.slow),
+    ],
+)
 def test_a_lost_cluster_ends_the_run(
     short_lived: tuple[Cluster, subprocess.Popen[bytes]], folder: Path, lost: str, number: int
 ) -> None:
