@@ -291,7 +291,7 @@ class OutputOptions:
         f"{_READ} evaluate simulate convert plot report reproduce")
     resume: bool = option(
         False, "--resume", "Run", "Continue an interrupted run into a folder; the results are the same.",
-        f"{_SOLVE} bound")
+        f"{_TABLES} bound")
     report: str | None = option(
         None, "--report", "Messages", "Write the summary as JSON; - is standard error.", _REPORT, metavar="FILE")
 

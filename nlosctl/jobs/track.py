@@ -10,12 +10,14 @@ from typing import Any
 from nlosctl.contract.run_options import InputOptions, OutputOptions, SolveOptions
 from nlosctl.contract.tables import measured_names
 from nlosctl.errors import DataError, UsageError
+from nlosctl.io.measurements.reader import MeasurementReader
 from nlosctl.io.paths.inputs import Input
 from nlosctl.io.results.fixes import are_fixes, column_names
 from nlosctl.io.results.layouts import carried_names
 from nlosctl.io.writers.output_set import OutputSet, check_targets, is_folder_target
 from nlosctl.jobs.files import (
     Destination,
+    Opened,
     naming_importer,
     open_inputs,
     open_measurements,
@@ -23,12 +25,12 @@ from nlosctl.jobs.files import (
     require_columns,
     write_report,
 )
-from nlosctl.jobs.solve import readable_again
+from nlosctl.jobs.solve import Execution, readable_again
 from nlosctl.pipeline.engine.workers import usable_jobs
 from nlosctl.pipeline.engine.writing import write_tables
 from nlosctl.pipeline.solve.method_runs import method_runs
 from nlosctl.pipeline.track.fix_run import FixRun
-from nlosctl.pipeline.track.measured_run import MeasuredRun
+from nlosctl.pipeline.track.measured_run import MeasuredRun, PartOfTracks
 from nlosctl.pipeline.track.track_options import TrackOptions, track_options
 
 __all__ = ["Motion", "track"]
@@ -70,16 +72,21 @@ def track(
         associate=moves.associate,
     )
     options = dataclasses.replace(options, parameters=parameters, jobs=options.jobs or usable_jobs(0))
-    for target in filter(is_folder_target, destination.wanted.values()):
-        raise UsageError(f"{target}: a track is written to a file; leave out the / at its end")
     with naming_importer(inputs):
         given = open_inputs(inputs, read.input_format)
+    into_folders = [target for target in destination.wanted.values() if is_folder_target(target)]
+    if into_folders and any(part.path is None for source in given for part in source.parts):
+        raise UsageError("standard input has no parts: set `output` to a file, or save the input as one")
     with readable_again(given, read, options) as sources:
         of_fixes = [are_fixes(column_names(source), measured_names()) for source in sources]
         sources = [dataclasses.replace(one, parts=(one.parts[0].again(), *one.parts[1:])) for one in sources]
         if any(of_fixes) and not all(of_fixes):
             raise DataError("the inputs are estimates and measurements; track them one by one")
         if all(of_fixes):
+            if into_folders:
+                raise UsageError(
+                    f"{into_folders[0]}: a track through estimates is written to a file; leave out the / at its end"
+                )
             return _track_fixes(sources, read, own, options, write, destination)
         if own.association is not None:
             raise UsageError(
@@ -116,7 +123,7 @@ def _track_fixes(
     if "flags" in destination.wanted:
         raise UsageError("`flags_out`: flags are of measurements, and the input is estimates")
     with OutputSet() as outputs:
-        _write(run, partial(run.metadata, with_hash=write.hash), write, destination, protected, outputs)
+        _write(run, partial(run.metadata, with_hash=write.hash), options.jobs, write, destination, protected, outputs)
     return run
 
 
@@ -127,8 +134,8 @@ def _track_measurements(
     options: SolveOptions,
     write: OutputOptions,
     destination: Destination,
-) -> MeasuredRun:
-    """Write the states, and flags, of tracks through measurements."""
+) -> MeasuredRun | PartOfTracks:
+    """Write the states, and flags, of tracks through measurements; into folders a part file for each of the input."""
     by = tuple(read.by)
     used = None if "flags" in destination.wanted else carried_names((*write.carry, *by))
     read = dataclasses.replace(
@@ -144,16 +151,35 @@ def _track_measurements(
         if len(runs) != 1:
             raise UsageError(f"`method`: a track is found by one method. Got {len(runs)}.")
         run = MeasuredRun(opened.reader, runs[0], options, write, own, by, destination.wanted)
+        if any(map(is_folder_target, destination.wanted.values())):
+            return _write_folders(run, opened, options, write, destination)
+        if write.resume:
+            raise UsageError("`resume` continues a run into a folder: set `output` to FOLDER/, or leave `resume` out")
         with OutputSet() as outputs:
             opened.set_bad_rows_aside(write, outputs)
-            metadata = partial(run.metadata, opened.inputs, with_hash=write.hash)
-            _write(run, metadata, write, destination, opened.protected, outputs)
+            metadata = partial(run.metadata, "track", opened.inputs, with_hash=write.hash)
+            _write(run, metadata, options.jobs, write, destination, opened.protected, outputs)
     return run
+
+
+def _write_folders(
+    run: MeasuredRun, opened: Opened, options: SolveOptions, write: OutputOptions, destination: Destination
+) -> PartOfTracks:
+    """Write part files of the tables: the tracks are found first, then each part is read again."""
+    if write.bad_rows is not None:
+        opened.reader.set_bad_rows_aside(lambda rows: None)  # the parts write them
+    found = run.solve(options.jobs, keeps=False)
+    start = partial(PartOfTracks, whole=run, found=found)
+    again = MeasurementReader(opened.inputs, opened.reader.options, survey=opened.reader.survey())
+    parts = start(again)
+    Execution("track", parts, start, opened, options, write, destination).complete()
+    return parts
 
 
 def _write(
     run: FixRun | MeasuredRun,
     metadata: Callable[[], Mapping[str, str]],
+    jobs: int,
     write: OutputOptions,
     destination: Destination,
     protected: Sequence[Any],
@@ -169,5 +195,5 @@ def _write(
 
     sinks = {name: sink(name, target) for name, target in destination.wanted.items()}
     with destination.console.progress("track") as progress:
-        write_tables(run.tables(), sinks, metadata, lambda rows: progress(rows, None))
+        write_tables(run.tables(jobs), sinks, metadata, lambda rows: progress(rows, None))
     write_report(write, run.report.as_dict(), outputs, destination.console)

@@ -96,7 +96,7 @@ def test_the_first_filtered_state_has_no_velocity(cli: Cli, tmp_path: Path) -> N
         ),
         (["-p", "acceleration_psd=1", "--by", "tga"], 1, "no column 'tga' (did you mean 'tag'?)"),
         (["-p", "acceleration_psd=1", "--max-sort-rows", "5"], 1, "more than 5 rows, which a track needs in memory"),
-        (["-p", "acceleration_psd=1", "-o", "out/"], 2, "a track is written to a file"),
+        (["-p", "acceleration_psd=1", "-o", "out/"], 2, "a track through estimates is written to a file"),
         (["-p", "acceleration_psd=1", "--flags-out", "f.csv"], 2, "flags are of measurements"),
     ],
 )
@@ -186,6 +186,46 @@ def test_the_bytes_do_not_depend_on_jobs_blocks_or_the_cut(
     )
     one = cli("track", "ranges.csv", *WINDOWS, "-q", "--where", "tag == t1").text.splitlines()
     assert one == [line for line in expected.decode().splitlines() if not line.startswith("tag-t0")]
+
+
+@pytest.mark.parametrize("windows", [True, False])
+def test_folders_have_a_part_file_for_each_of_the_input(cli: Cli, tmp_path: Path, windows: bool) -> None:
+    """Parts together are the table of one file, a track continues from part to part, and a lost part is made again."""
+    write_ranges(tmp_path, snapshot=not windows)
+    head, *lines = (tmp_path / "ranges.csv").read_text().splitlines()
+    (tmp_path / "in").mkdir()
+    for number, part in enumerate((lines[:90], lines[90:93], lines[93:])):
+        (tmp_path / "in" / f"p{number}.csv").write_text("\n".join([head, *part, ""]))
+    words = WINDOWS if windows else WINDOWS[4:]
+    assert cli("track", "in", *words, "-o", "one.parquet", "--flags-out", "rows.parquet").code == 0
+    assert cli("track", "in", *words, "-o", "out/", "--flags-out", "flags/", "--jobs", "2").code == 0
+    tables = {"one.parquet": "out", "rows.parquet": "flags"}
+    assert sorted(path.name for path in (tmp_path / "out").glob("p*")) == ["p0.parquet", "p1.parquet", "p2.parquet"]
+    before = (tmp_path / "out" / "p2.parquet").read_bytes()
+    (tmp_path / "out" / "p2.parquet").unlink()
+    outcome = cli("track", "in", *words, "-o", "out/", "--flags-out", "flags/", "--resume")
+    assert outcome.code == 0
+    assert "240 rows" in outcome.err
+    assert (tmp_path / "out" / "p2.parquet").read_bytes() == before
+    for one, folder in tables.items():
+        key = "snapshot" if folder == "out" else "time_s"
+        whole, parts = (pq.read_table(tmp_path / name).sort_by(key) for name in (one, folder))
+        assert parts.equals(whole)
+
+
+def test_folders_need_measurements_in_files(cli: Cli, tmp_path: Path) -> None:
+    """A stream has no parts; --resume needs a folder; bad rows go to a folder of their own, each once."""
+    write_ranges(tmp_path)
+    text = (tmp_path / "ranges.csv").read_bytes()
+    err = cli("track", "-", *WINDOWS, "-o", "out/", stdin=text).err
+    assert "standard input has no parts: set --output to a file" in err
+    assert "--resume continues a run into a folder" in cli("track", "ranges.csv", *WINDOWS, "--resume").err
+    (tmp_path / "ranges.csv").write_bytes(text.replace(b"0.2,", b"-1,", 1))
+    words = ("-o", "out/", "--bad-rows", "bad/")
+    outcome = cli("track", "ranges.csv", *WINDOWS, *words)
+    assert outcome.code == 0, outcome.err
+    assert "1 bad row set aside" in outcome.err
+    assert pq.read_table(tmp_path / "bad").num_rows == 1
 
 
 @pytest.mark.parametrize(

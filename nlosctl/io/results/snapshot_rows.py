@@ -7,16 +7,43 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.windows import TICKS_PER_SECOND
+from nlosctl.errors import DataError
 from nlosctl.io.measurements.reader import Chunk
 from nlosctl.io.measurements.row_checks import TICKS
 from nlosctl.io.results.evaluation_arrays import numbers
 
-__all__ = ["elapsed_times", "mean_ticks", "mean_times", "mean_truth", "one_row_each"]
+__all__ = ["SnapshotNumbers", "elapsed_times", "mean_ticks", "mean_times", "mean_truth", "one_row_each"]
 
 _MEAN = ("truth_x_m", "truth_y_m", "truth_z_m", "truth_lat_deg", "truth_lon_deg")
+
+
+class SnapshotNumbers:
+    """Finds snapshots by source and id, numbered in the order in which their chunks were added."""
+
+    def __init__(self) -> None:
+        self._ids: dict[str, list[Any]] = {}
+        self._numbers: dict[str, list[IntArray]] = {}
+        self._count = 0
+
+    def add(self, chunk: Chunk) -> None:
+        """Number the snapshots of a chunk."""
+        self._ids.setdefault(chunk.source, []).append(chunk.snapshot)
+        numbers = np.arange(self._count, self._count + len(chunk.snapshot))
+        self._numbers.setdefault(chunk.source, []).append(numbers)
+        self._count += numbers.shape[0]
+
+    def find(self, chunk: Chunk) -> IntArray:
+        """Return the numbers (S,) of a chunk's snapshots; raises DataError for one that was not there."""
+        at = pc.index_in(
+            chunk.snapshot, value_set=pa.chunked_array(self._ids.get(chunk.source, []), chunk.snapshot.type)
+        )
+        if at.null_count:
+            raise DataError(f"{chunk.source}: has changed while its tracks were found; run it again")
+        return np.asarray(np.concatenate(self._numbers[chunk.source])[np.asarray(at)])
 
 
 def one_row_each(chunk: Chunk, names: Sequence[str]) -> Chunk:

@@ -79,8 +79,8 @@ class FixRun:
         described = describe_inputs(self._inputs, rows, with_hash=with_hash)
         return file_metadata("track", {**self.provenance(), "inputs": described}, Scene(frame=self._frame))
 
-    def tables(self) -> Iterator[ChunkTables]:
-        """Yield the states of each input."""
+    def tables(self, jobs: int = 1) -> Iterator[ChunkTables]:
+        """Yield the states of each input; one process finds them all."""
         paths, key = self._paths()
         start = 0
         for given, table in zip(self._inputs, self._tables, strict=True):

@@ -10,19 +10,14 @@ import numpy as np
 
 from nlosctl.arrays import FloatArray, IntArray, SeedArray
 from nlosctl.contract.random_streams import snapshot_seeds
-from nlosctl.contract.results import Flags
 from nlosctl.contract.run_options import OutputOptions, SolveOptions
-from nlosctl.contract.statuses import Status
 from nlosctl.errors import UsageError
-from nlosctl.io.measurements.completion.calibrated_rows import STD_FACTOR
 from nlosctl.io.measurements.reader import Chunk, MeasurementReader
 from nlosctl.io.paths.inputs import Input
-from nlosctl.io.results.layouts import EstimatesLayout, carried_columns
-from nlosctl.io.results.measurement_layouts import FlagsLayout
-from nlosctl.io.results.snapshot_rows import one_row_each
+from nlosctl.io.results.layouts import carried_columns
+from nlosctl.io.results.snapshot_rows import SnapshotNumbers
 from nlosctl.pipeline.engine.workers import map_in_processes
 from nlosctl.pipeline.engine.writing import ChunkTables, describe_inputs, file_metadata, read_settings
-from nlosctl.pipeline.solve.merged_flags import flags_of_windows
 from nlosctl.pipeline.solve.method_runs import MethodRun, MethodTally
 from nlosctl.pipeline.solve.reference_rows import alike_differences
 from nlosctl.pipeline.solve.report import RunReport
@@ -32,13 +27,14 @@ from nlosctl.pipeline.solve.target_heights import heights_remark, refuse_dimensi
 from nlosctl.pipeline.track.measured_snapshots import Collected, MeasuredSnapshots
 from nlosctl.pipeline.track.merged_fixes import with_merged_fixes
 from nlosctl.pipeline.track.offset_rows import OffsetRows
-from nlosctl.pipeline.track.state_flags import RowResults, row_results
-from nlosctl.pipeline.track.track_fit import run_remarks, with_p_values
+from nlosctl.pipeline.track.state_flags import row_results
+from nlosctl.pipeline.track.state_tables import FoundTracks, StateTables
+from nlosctl.pipeline.track.track_fit import run_remarks
 from nlosctl.pipeline.track.track_options import TrackOptions
-from nlosctl.pipeline.track.track_table import SnapshotStates, density_note, optional_columns, track_estimates
-from nlosctl.solvers.tracking.tracks_of_rows import SnapshotRows, TrackedRows, TracksOfRows, track_rows
+from nlosctl.pipeline.track.track_table import density_note
+from nlosctl.solvers.tracking.tracks_of_rows import SnapshotRows, TrackedRows, track_rows
 
-__all__ = ["MeasuredRun"]
+__all__ = ["MeasuredRun", "PartOfTracks"]
 
 
 class MeasuredRun:
@@ -59,9 +55,12 @@ class MeasuredRun:
     ) -> None:
         self.reader, self._run, self._options, self._own, self._by = reader, run, options, own, tuple(by)
         self._refuse(write)
-        self._collected = Collected(self._by, "time_s" if "time_s" in reader.column_names else "time", self._most_rows)
-        self._carried = carried_columns(reader.column_names, write.carry, self._by)
-        self._layouts = self._wanted_layouts(wanted)
+        self._collected = Collected(
+            self._by, "time_s" if "time_s" in reader.column_names else "time", reader.options.max_sort_rows
+        )
+        self.state_tables = StateTables(
+            reader, run, own, carried_columns(reader.column_names, write.carry, self._by), wanted
+        )
         self._solver = ChunkSolver(
             kind=reader.kind,
             scene=reader.scene,
@@ -71,7 +70,7 @@ class MeasuredRun:
             block_size=options.block_size,
             calibration=reader.options.calibration,
         )
-        self._chunks: list[tuple[Chunk, Chunk | None]] = []
+        self._kept: list[tuple[Chunk, Chunk | None]] = []
         self._first: Chunk | None = None
         self.report = RunReport(kind=reader.kind, inputs=[], methods={run.label: MethodTally()})
         self.report.settings = self.provenance()
@@ -79,11 +78,7 @@ class MeasuredRun:
     @property
     def schemas(self) -> Mapping[str, Any]:
         """The Arrow schema of each wanted table by its name."""
-        return {name: layout.schema for name, layout in self._layouts.items()}
-
-    @property
-    def _most_rows(self) -> int:
-        return self.reader.options.max_sort_rows
+        return self.state_tables.schemas
 
     def provenance(self) -> dict[str, Any]:
         """Return everything that determines the results, as plain values."""
@@ -91,36 +86,58 @@ class MeasuredRun:
         content: dict[str, Any] = {"methods": [method], "track": {**self._own.as_dict(), "by": list(self._by)}}
         return {**content, "seed": self._options.seed, "field": str(self._options.field), **read_settings(self.reader)}
 
-    def metadata(self, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
+    def choices(self) -> dict[str, Any]:
+        """Return the other options that two runs must share to write equal tables, as plain values."""
+        return {"carry": list(self.state_tables.carried)}
+
+    def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
         """Return the metadata of the result files."""
         described = describe_inputs(inputs, self.reader.report.rows_by_file, with_hash=with_hash)
-        return file_metadata("track", {**self.provenance(), "inputs": described}, self.reader.scene)
+        return file_metadata(command, {**self.provenance(), "inputs": described}, self.reader.scene)
 
-    def tables(self) -> Iterator[ChunkTables]:
-        """Yield the states and flags of each chunk, after all have been read and solved."""
-        for position, covariance in map_in_processes(self._fixes, self._read(), self._options.jobs):
+    def tables(self, jobs: int = 1) -> Iterator[ChunkTables]:
+        """Yield the states and flags of each chunk, after all have been read and solved by ``jobs`` processes."""
+        found = self.solve(jobs, keeps=True)
+        start = 0
+        for one_each, chunk in self._kept:
+            mine = np.arange(start, start + len(one_each.snapshot))
+            yield self.state_tables.tables(one_each, chunk, found, mine, self.report)
+            start += mine.shape[0]
+        count_rows(self.report, self.reader)
+        self.note(self.report, found, self.reader.report.remarks)
+
+    def solve(self, jobs: int, *, keeps: bool) -> FoundTracks:
+        """Return the tracks through everything that the reader yields; ``keeps``: and what the tables need of it."""
+        numbers = SnapshotNumbers()
+        for position, covariance in map_in_processes(self._fixes, self._read(numbers, keeps=keeps), jobs):
             self._collected.add_fixes(position, covariance)
         snapshots = self._collected.together()
         if self.reader.kind != "arrivals":  # whose snapshots have offsets of their own
             snapshots = with_merged_fixes(snapshots, self._fixes_of)
         paths = track_rows(self._tracked(snapshots), self._own.density)
         results = row_results(paths, *self._rows_of, snapshots.left_out.shape[0])
-        start = first = 0
-        for one_each, chunk in self._chunks:
-            stop, last = start + len(one_each.snapshot), first + int(self._row_counts.pop(0))
-            yield self._tables(one_each, chunk, paths, results, snapshots, slice(start, stop), slice(first, last))
-            start, first = stop, last
-        self._finish(paths)
+        return FoundTracks(paths, results, snapshots, numbers, self._collected.tracks)
 
-    def _read(self) -> Iterator[Chunk]:
-        """Yield the chunks as a method needs them, and keep what the tables need."""
-        self._row_counts: list[int] = []
+    def note(self, report: RunReport, found: FoundTracks, remarks: Sequence[str]) -> None:
+        """Add the notes on what was found to a report, after the ``remarks`` of the reader."""
+        paths = found.paths
+        report.settings = {**report.settings, "acceleration_psd": paths.density.density, "tracks": paths.tracks}
+        report.notes += [
+            *remarks,
+            *heights_remark(self.reader, self._options),
+            *run_remarks(self.reader, self._run, report, self._first, self._options.field),
+            density_note(paths.density, self._own.density is None, found.tracks, paths.tracks),
+        ]
+
+    def _read(self, numbers: SnapshotNumbers, *, keeps: bool) -> Iterator[Chunk]:
+        """Yield the chunks as a method needs them, their snapshots numbered, and keep what the tables need."""
         for chunk in self.reader.chunks():
             chunk = with_target_heights(chunk, self.reader.dimension, self._options)
             self._collected.add(dataclasses.replace(chunk, table=chunk.table.select(list(self._by))))
-            self._chunks.append((one_row_each(chunk, self._carried), chunk if "flags" in self._layouts else None))
-            self._row_counts.append(int(chunk.offsets[-1]))
+            numbers.add(chunk)
             self._first = self._first or dataclasses.replace(chunk, table=None)
+            if keeps:
+                self._kept.append(self.state_tables.kept(chunk))
             yield dataclasses.replace(chunk, table=chunk.table.select([]))
 
     def _fixes(self, chunk: Chunk) -> tuple[FloatArray, FloatArray]:
@@ -200,67 +217,6 @@ class MeasuredRun:
             )
         return rows
 
-    def _tables(
-        self,
-        one_each: Chunk,
-        chunk: Chunk | None,
-        paths: TracksOfRows,
-        results: RowResults,
-        snapshots: MeasuredSnapshots,
-        mine: slice,
-        rows: slice,
-    ) -> ChunkTables:
-        found = SnapshotStates.of(
-            paths.states[mine],
-            paths.covariance[mine],
-            paths.origin_m[mine],
-            paths.known[mine],
-            paths.moving[mine],
-            paths.settled[mine],
-            paths.of.part[mine],
-        )
-        counts = np.diff(snapshots.offsets)[mine]
-        frame = self.reader.scene.frame
-        estimates = track_estimates(
-            found, snapshots.time_s[mine], counts, results.n_used[mine], results.cost[mine], self._own, frame
-        )
-        judged = with_p_values(estimates, self._run, results.cost[mine], results.n_residuals[mine])
-        self.report.methods[self._run.label].add_estimates(judged, 0)
-        named: dict[str, Any] = {}
-        if "estimates" in self._layouts:
-            named["estimates"] = self._layouts["estimates"].table(estimates, one_each)
-        if chunk is not None:
-            answered = np.repeat(estimates.status == Status.OK, counts)
-            flags: Flags = results.flags(rows, answered)
-            flags = flags if chunk.windows is None else flags_of_windows(flags, chunk.windows.leader)
-            named["flags"] = self._layouts["flags"].table([flags], chunk)
-        windows = None if chunk is None else chunk.windows
-        return ChunkTables(named=named, rows=rows.stop - rows.start, windows=windows)
-
-    def _wanted_layouts(self, wanted: Collection[str]) -> dict[str, Any]:
-        reader = self.reader
-        shared: dict[str, Any] = {
-            "methods": (self._run.spec.name,),
-            "input_schema": reader.table_schema,
-            "with_source": reader.has_several_sources,
-        }
-        layouts: dict[str, Any] = {}
-        if "estimates" in wanted:
-            layouts["estimates"] = EstimatesLayout(
-                **shared,
-                carried=self._carried,
-                optional=optional_columns(reader.dimension, self._own, reader.scene.frame),
-                frame="" if reader.scene.frame is None else reader.scene.frame.words,
-            )
-        if "flags" in wanted:
-            given = reader.measured_columns | set(reader.schema.names)
-            asked: dict[str, Any] = {"details": False, "dimension": reader.dimension}
-            names = self._run.spec.flag_columns(self._run.options, reader.scene, given, **asked)
-            names = tuple(name for name in names if name in RowResults.NAMES)
-            names += () if reader.options.calibration is None else (STD_FACTOR,)
-            layouts["flags"] = FlagsLayout(**shared, names=names, constants=reader.constants)
-        return layouts
-
     def _refuse(self, write: OutputOptions) -> None:
         """Raise UsageError for what a track through measurements does not have."""
         spec, reader = self._run.spec, self.reader
@@ -276,15 +232,53 @@ class MeasuredRun:
         if reader.dimension == 3 and (self._options.target_z_m is not None or "target_z_m" in reader.column_names):
             raise UsageError("a track in three dimensions estimates the height: leave out target_z_m")
 
-    def _finish(self, paths: TracksOfRows) -> None:
-        read, report = self.reader.report, self.report
-        report.rows, report.snapshots, report.rows_left_out = read.rows, read.snapshots, read.left_out_rows
-        report.bad_rows, report.snapshots_lost, report.windows = read.bad_rows, read.snapshots_lost, read.windows
-        report.inputs = [{"name": name, "rows": rows} for name, rows in read.rows_by_file.items()]
-        report.settings = {**report.settings, "acceleration_psd": paths.density.density, "tracks": paths.tracks}
-        report.notes += [
-            *read.remarks,
-            *heights_remark(self.reader, self._options),
-            *run_remarks(self.reader, self._run, report, self._first, self._options.field),
-            density_note(paths.density, self._own.density is None, self._collected.tracks, paths.tracks),
-        ]
+
+class PartOfTracks:
+    """The tables of the snapshots that another ``reader`` yields, such as those of a part, of tracks that were found.
+
+    ``report`` is complete when ``tables`` has ended.
+    """
+
+    def __init__(self, reader: MeasurementReader, whole: MeasuredRun, found: FoundTracks) -> None:
+        self.reader, self._whole, self._found = reader, whole, found
+        self.report = RunReport(
+            kind=reader.kind, inputs=[], methods={name: MethodTally() for name in whole.report.methods}
+        )
+        self.report.settings = whole.provenance()
+
+    @property
+    def schemas(self) -> Mapping[str, Any]:
+        """The Arrow schema of each wanted table by its name."""
+        return self._whole.schemas
+
+    def provenance(self) -> dict[str, Any]:
+        """Return everything that determines the results, as plain values."""
+        return self._whole.provenance()
+
+    def choices(self) -> dict[str, Any]:
+        """Return the other options that two runs must share to write equal tables, as plain values."""
+        return {"carry": list(self._whole.state_tables.carried)}
+
+    def metadata(self, command: str, inputs: Sequence[Input], *, with_hash: bool) -> dict[str, str]:
+        """Return the metadata of the result files."""
+        described = describe_inputs(inputs, self.reader.report.rows_by_file, with_hash=with_hash)
+        return file_metadata(command, {**self.provenance(), "inputs": described}, self.reader.scene)
+
+    def tables(self, jobs: int = 1) -> Iterator[ChunkTables]:
+        """Yield the states and flags of each chunk."""
+        made = self._whole.state_tables
+        for chunk in self.reader.chunks():
+            yield made.tables(*made.kept(chunk), self._found, self._found.numbers.find(chunk), self.report)
+        count_rows(self.report, self.reader)
+
+    def add_notes(self, remarks: Sequence[str]) -> None:
+        """Add the notes on the motion to the report, after the ``remarks`` of the reader."""
+        self._whole.note(self.report, self._found, remarks)
+
+
+def count_rows(report: RunReport, reader: MeasurementReader) -> None:
+    """Count in a report what a reader has read."""
+    read = reader.report
+    report.rows, report.snapshots, report.rows_left_out = read.rows, read.snapshots, read.left_out_rows
+    report.bad_rows, report.snapshots_lost, report.windows = read.bad_rows, read.snapshots_lost, read.windows
+    report.inputs = [{"name": name, "rows": rows} for name, rows in read.rows_by_file.items()]

@@ -35,7 +35,7 @@ class RowResults:
     probability: FloatArray
     residuals: Mapping[str, FloatArray]
 
-    def flags(self, rows: slice, answered: BoolArray) -> Flags:
+    def flags(self, rows: IntArray, answered: BoolArray) -> Flags:
         """Return the flags of some rows, null in those without a state (``answered`` is false)."""
         part = self.part[rows] & answered
         probability = np.where(part, self.probability[rows], np.nan)
