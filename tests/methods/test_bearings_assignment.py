@@ -21,6 +21,7 @@ from nlosctl.contract.results import Flags, Solution
 from nlosctl.contract.statuses import Status
 from nlosctl.errors import DataError, UsageError
 from nlosctl.methods.bearings_assignment import AssignmentOptions, solve
+from nlosctl.solvers.association import source_sets
 from nlosctl.solvers.association.pruning import rival_sets
 from nlosctl.solvers.echoes.assignment import choose_disjoint
 
@@ -249,6 +250,34 @@ def test_too_many_bearings_of_a_sensor_are_an_error() -> None:
     for _, batch in blocks(draw_columns("bearing-field", 1, targets=3)):
         with pytest.raises(DataError, match="3 bearings in one snapshot, more than max_echoes=2"):
             solve(batch, AssignmentOptions(max_echoes=2))
+
+
+def test_too_many_sets_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hundreds of sensors in a snapshot stop the run with their number, not with the end of the memory."""
+    (_, batch), *_ = blocks(draw_columns("bearing-field", 1, targets=2))
+    monkeypatch.setattr(source_sets, "_MOST_NUMBERS", 100)
+    with pytest.raises(DataError, match=f"{batch.measurements} bearings of 6 sensors has more sets"):
+        solve(batch, AssignmentOptions())
+
+
+def test_sets_with_fewer_sensors_do_not_depend_on_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each set of enough sensors without one and without two of those it has, a few sets at a time."""
+    rows = np.random.default_rng(1).integers(-1, 9, (40, 6))
+    found = list(zip(*source_sets._with_fewer_sensors(rows, 3), strict=True))
+    monkeypatch.setattr(source_sets, "_MOST_NUMBERS", 300)
+    for (source, fewer), (own, other) in zip(
+        found, zip(*source_sets._with_fewer_sensors(rows, 3), strict=True), strict=True
+    ):
+        assert source == own
+        assert fewer.tolist() == other.tolist()
+    expected = sum(
+        np.count_nonzero(row >= 0) - size >= 3
+        for row in rows
+        for size in (1, 2)
+        for some in combinations(range(6), size)
+        if (row[list(some)] >= 0).all()
+    )
+    assert len(found) == expected
 
 
 def test_a_pair_of_sensors_is_refused() -> None:

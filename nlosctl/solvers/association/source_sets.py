@@ -12,7 +12,8 @@ from itertools import combinations
 import numpy as np
 from scipy.special import chdtri, gammaincc, gammainccinv
 
-from nlosctl.arrays import FloatArray, IntArray, Point, ignoring_overflow
+from nlosctl.arrays import BoolArray, FloatArray, IntArray, Point, ignoring_overflow
+from nlosctl.errors import DataError
 from nlosctl.geometry.blocks import sum_measurements
 from nlosctl.geometry.symmetric import SymmetricMatrix
 from nlosctl.solvers.association.sensor_rows import SensorRows
@@ -26,6 +27,9 @@ _ROUNDS = 8
 _MAX_COMBINATIONS = 256
 _NUMBERS = 1 << 20
 """So many terms of rows are in memory at a time."""
+
+_MOST_NUMBERS = 1 << 26
+"""More rows of crossings or of sets of one snapshot are an error: they would take minutes and gigabytes."""
 
 _CLOSE = 4.0
 """A set is fitted if its chi-square, predicted from that of the set it comes from, is within so many limits."""
@@ -53,6 +57,7 @@ class Gates:
 def find_sets(table: SensorRows, model: SourceModel, gates: Gates) -> tuple[SourceSets, FloatArray]:
     """Return the sets of rows that may be of one source, each once, by snapshot, and their weights, all positive."""
     snapshot, point, pair = _crossings(table, model)
+    _refuse_many(table, snapshot, np.full(snapshot.shape, table.batch.measurements))
     step = max(1, _NUMBERS // max(1, table.batch.measurements))
     starts = range(0, max(snapshot.shape[0], 1), step)
     parts = [
@@ -195,6 +200,8 @@ def _variants(
     terms = model.terms(sets.snapshot, sets.point)
     distance = _distances(model, gates, sets.snapshot, terms, sets.information)
     source, rows = _combinations(table, sets, distance)
+    sensors = np.count_nonzero(rows >= 0, axis=1)
+    _refuse_many(table, sets.snapshot[source], (1 + sensors + sensors * (sensors - 1) // 2) * rows.shape[1])
     fewer, fewer_rows = _with_fewer_sensors(rows, gates.min_sensors)
     source, rows = np.concatenate([source, source[fewer]]), np.concatenate([rows, fewer_rows])
     enough = np.count_nonzero(rows >= 0, axis=1) >= gates.min_sensors
@@ -228,6 +235,7 @@ def _combinations(table: SensorRows, sets: SourceSets, distance: FloatArray) -> 
     )
     count = np.maximum(np.count_nonzero(ranked >= 0, axis=2), 1)
     total = np.minimum(np.prod(count, axis=1, dtype=np.float64), _MAX_COMBINATIONS).astype(np.int64)
+    _refuse_many(table, sets.snapshot, total * count.shape[1])
     source = np.repeat(np.arange(total.shape[0]), total)
     number = np.arange(source.shape[0]) - np.repeat(np.cumsum(total) - total, total)
     chosen = np.empty((source.shape[0], count.shape[1]), dtype=np.int64)
@@ -243,10 +251,28 @@ def _with_fewer_sensors(rows: IntArray, least: int) -> tuple[IntArray, IntArray]
     sensors = rows.shape[1]
     left_out = [np.isin(np.arange(sensors), some) for size in (1, 2) for some in combinations(range(sensors), size)]
     masks = np.array(left_out, dtype=bool).reshape(-1, sensors)
+    step = max(1, _MOST_NUMBERS // max(1, masks.size))
+    parts = [_masked(rows[start : start + step], masks, least) for start in range(0, max(rows.shape[0], 1), step)]
+    source = [part + number * step for number, (part, _) in enumerate(parts)]
+    return np.concatenate(source), np.concatenate([fewer for _, fewer in parts])
+
+
+def _masked(rows: IntArray, masks: BoolArray, least: int) -> tuple[IntArray, IntArray]:
+    """Return sets of rows (C, N) without each of the masks (M, N) of sensors they have, and the set each comes from."""
     seen = rows >= 0
     fewer = seen.sum(axis=1)[:, None] - masks.sum(axis=1)
     source, mask = np.nonzero(((seen[:, None] | ~masks).all(axis=2)) & (fewer >= least))
     return source, np.where(masks[mask], _NOTHING, rows[source])
+
+
+def _refuse_many(table: SensorRows, snapshot: IntArray, numbers: IntArray) -> None:
+    """Raise DataError if a snapshot has more ``numbers`` (C,) in all than are tried."""
+    if np.bincount(snapshot, numbers).max(initial=0) > _MOST_NUMBERS:
+        raise DataError(
+            f"a snapshot of {table.batch.measurements} bearings of {table.rows.shape[1]} sensors has more sets of "
+            "bearings that may be of one source than can be compared; the work grows with the cube of the sensors: "
+            "give fewer rows a snapshot (a shorter window, the sensors of one area), or use localize for one source"
+        )
 
 
 def _different(snapshot: IntArray, rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
