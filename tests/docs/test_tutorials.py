@@ -28,6 +28,7 @@ EXAMPLES = [
     "outliers",
     "over-the-horizon",
     "plotting",
+    "report",
     "settings",
     "several-sources",
     "three-dimensions",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import re
@@ -120,6 +121,20 @@ def test_arcs_are_the_points_at_the_range(mirror: LineReflector | SegmentReflect
         turn = (np.arctan2(offset[:, 1], offset[:, 0]) - first) % (2.0 * np.pi)
         assert turn.max() <= last - first + 1e-9
         assert np.ptp(np.sort(turn)) > 0.9 * (last - first)
+
+
+def test_regions_of_a_posterior_hold_their_cells(table: Any) -> None:
+    """The levels of a map, row by row from the north, are those of its cells; its box is that of the cells."""
+    cells = nlosctl.posterior(table, snapshot=3, cell=20.0, field="-500,500,-400,400")
+    page = content(nlosctl.report(cells, table))
+    (found,) = page["posterior"]
+    assert found["shape"] == [40, 50]
+    levels = np.frombuffer(base64.b64decode(found["levels"]), dtype=np.uint8).reshape(found["shape"])[::-1].ravel()
+    hpd = cells["hpd"].to_numpy()
+    np.testing.assert_array_equal(levels, np.select([hpd <= 0.5, hpd <= 0.9, hpd <= 0.95], [1, 2, 3], 0))
+    assert np.add(found["low"], page["map"]["origin"]).tolist() == [-500.0, -400.0]
+    assert np.add(found["high"], page["map"]["origin"]).tolist() == [500.0, 400.0]
+    assert found["snapshot"] == (page["snapshots"].index("3") if "snapshot" in cells.column_names else -1)
 
 
 def test_the_same_bytes_every_time(tmp_path: Path, table: Any, solved: Any) -> None:

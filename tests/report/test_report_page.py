@@ -6,9 +6,12 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from chromium import Browser, Page, chromium_path
 from program import run_here
+
+import nlosctl
 
 pytestmark = [pytest.mark.process, pytest.mark.xdist_group("browser")]
 
@@ -164,6 +167,38 @@ def test_the_page_fits_the_window(browser: Browser, folder: Path, width: int, da
         "getComputedStyle(document.querySelector('.columns')).gridTemplateColumns.split(' ').length"
     )
     assert columns == (1 if width < 600 else 2)
+    page.close()
+
+
+def test_hyperbolas_have_the_difference_of_their_row(browser: Browser, folder: Path) -> None:
+    """Every point of a curve is farther from the sensor than from the reference by the difference, on both sides."""
+    page = browser.open(folder / "r.html")
+    script = (Path(nlosctl.__file__).parent / "pipeline/report/assets/page.js").read_text()
+    source = script[script.index("function hyperbola") : script.index("function arc")]
+    world = "const sensors = {x: [-30, 50], y: [20, -40]}, reach = 500, at = (x, y) => [x, y];"
+    for difference in (60.0, -25.0, 0.0):
+        points = np.array(page.evaluate(f"(() => {{{world} {source} return hyperbola(0, 1, {difference});}})()"))
+        away = [np.hypot(*(points - place).T) for place in ((-30.0, 20.0), (50.0, -40.0))]
+        np.testing.assert_allclose(away[0] - away[1], difference, atol=1e-6)
+        assert np.ptp(points, axis=0).max() > 400.0
+    assert page.evaluate(f"(() => {{{world} {source} return hyperbola(0, 1, 101);}})()") is None
+    page.close()
+
+
+def test_a_posterior_is_drawn(browser: Browser, folder: Path) -> None:
+    """The regions of a map are an image that is made in the page, with its name, and in the legend."""
+    for line in (
+        "posterior m.parquet --snapshot 3 --cell 20 -q --overwrite -o map.parquet",
+        "report map.parquet e.parquet -q --overwrite -o map.html",
+    ):
+        assert run_here(*line.split(), folder=folder).returncode == 0, line
+    page = browser.open(folder / "map.html")
+    assert page.complaints() == []
+    assert page.evaluate("document.querySelectorAll('canvas.region').length") == 1
+    image = "const canvas = document.querySelector('canvas.region'), context = canvas.getContext('2d');"
+    drawn = "context.getImageData(0, 0, canvas.width, canvas.height).data.filter((value) => value > 0).length"
+    assert page.evaluate(f"(() => {{{image} return {drawn};}})()") > 0
+    assert "95 % of the posterior" in page.evaluate("document.getElementById('legend').textContent")
     page.close()
 
 

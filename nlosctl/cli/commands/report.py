@@ -22,7 +22,7 @@ def report(
         list[str],
         typer.Argument(
             metavar="FILE",
-            help="Measurements, flags, estimates, scores or bounds; - is standard input.",
+            help="Measurements, flags, estimates, scores, bounds or maps; - is standard input.",
             show_default=False,
         ),
     ],

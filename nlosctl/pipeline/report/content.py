@@ -20,11 +20,13 @@ from nlosctl.pipeline.report import statistics
 from nlosctl.pipeline.report.estimate_rows import ESTIMATE_COLUMNS, EstimateRows
 from nlosctl.pipeline.report.measured_rows import MeasuredRows
 from nlosctl.pipeline.report.plane_map import PlaneMap
+from nlosctl.pipeline.report.posterior_maps import POSTERIOR_COLUMNS, PosteriorMaps
 
 __all__ = ["ReportContent", "report_content"]
 
-_TAKEN = ("measurements", "flags", "estimates", "scores", "bound")
+_TAKEN = ("measurements", "flags", "estimates", "scores", "bound", "posterior")
 _MOST_SCORES = 1000
+_MOST_CELLS = 1_000_000
 
 
 @dataclass
@@ -64,6 +66,7 @@ class _Work:
     described: list[dict[str, Any]] = field(default_factory=list)
     measured: list[tuple[SampledSnapshots, MeasuredRows]] = field(default_factory=list)
     estimates: list[EstimateRows] = field(default_factory=list)
+    maps: list[PosteriorMaps] = field(default_factory=list)
     tables: list[dict[str, Any]] = field(default_factory=list)
     scenes: dict[Scene, None] = field(default_factory=dict)
     frames: dict[EarthFrame | None, str] = field(default_factory=dict)
@@ -80,6 +83,8 @@ class _Work:
         for file in self.files:
             if file.content == "estimates":
                 self._read_estimates(file, named=len(estimates) > 1)
+            elif file.content == "posterior":
+                self._read_posterior(file)
             elif file.content in ("scores", "bound"):
                 rows = read_sampled(file, ("*",), _MOST_SCORES)
                 self._describe(file, rows.total, "", rows.step)
@@ -95,11 +100,10 @@ class _Work:
     def page(self) -> dict[str, Any]:
         """Return what was read as plain values."""
         index: dict[str, int] = {}
-        for sample, _ in self.measured:
-            for name in sample.ids:
-                index.setdefault(name, len(index))
-        for rows in self.estimates:
-            for name in rows.ids:
+        shown = [sample.ids for sample, _ in self.measured]
+        shown += [rows.ids for rows in self.estimates] + [maps.ids for maps in self.maps]
+        for names in shown:
+            for name in names:
                 index.setdefault(name, len(index))
         frame = next(iter(self.frames), None)
         measured = [rows.content(np.array([index[name] for name in sample.ids])) for sample, rows in self.measured]
@@ -114,6 +118,7 @@ class _Work:
             "estimates": [
                 rows.content([index[name] for name in rows.ids], self.plane, frame) for rows in self.estimates
             ],
+            "posterior": [one for maps in self.maps for one in maps.content(index, self.plane)],
             "tables": self.tables,
         }
 
@@ -124,6 +129,14 @@ class _Work:
             self._note_thinning(file, rows.step, f"{rows.count} of {rows.total} estimates")
         self._place(file.scene, file.scene.frame or _frame_of(rows) or self.read.frame, file)
         self.estimates.append(EstimateRows(file.name, rows, self.plane, named=named))
+
+    def _read_posterior(self, file: PlotInput) -> None:
+        rows = read_sampled(file, POSTERIOR_COLUMNS, _MOST_CELLS)
+        self._describe(file, rows.total, "", rows.step)
+        if rows.step > 1:
+            self.notes.append(f"{file.name}: 1 of {rows.step} maps is shown, {rows.count} of {rows.total} cells")
+        self._place(file.scene, file.scene.frame or self.read.frame, file)
+        self.maps.append(PosteriorMaps(file.name, rows, self.plane))
 
     def _read_measured(self, file: PlotInput, *, is_drawn: bool) -> None:
         read = self.read

@@ -25,7 +25,7 @@ def page_bytes(content: Mapping[str, Any]) -> bytes:
     library, script = _asset("leaflet.js").rpartition("//# sourceMappingURL")[0], _asset("page.js")
     styles = _asset("leaflet.css"), _asset("page.css")
     policy = (
-        f"default-src 'none'; script-src {_hashes(library, script)}; style-src {_hashes(*styles)}; img-src data:; "
+        f"default-src 'none'; script-src {_hashes(library, script)}; style-src {_hashes(*styles)}; "
         "base-uri 'none'; form-action 'none'"
     )
     slots = {

@@ -10,7 +10,7 @@ const LOOKS = [
   { color: "--flagged", dash: "2 6", word: "outlier or indirect" },
   { color: "--unused", dash: "7 6", word: "not used" },
 ];
-const NOUNS = { bearings: "bearing", ranges: "range", arrivals: "difference of arrivals", triplets: "path" };
+const NOUNS = { bearings: "bearing", ranges: "range", arrivals: "difference", triplets: "path" };
 const CURVES = { bearings: "ray", ranges: "circle", arrivals: "hyperbola", triplets: "rays and ellipse" };
 const plane = data.map, origin = plane.origin, sensors = plane.sensors;
 let chosen = 0;
@@ -50,11 +50,13 @@ data.measured.forEach((block) => {
 // The map, in metres about the origin.
 const at = (x, y) => L.latLng(y, x);
 const map = L.map("map", { crs: L.CRS.Simple, attributionControl: false, zoomSnap: 0.25, zoomDelta: 0.5, minZoom: -40, maxZoom: 40, zoomAnimation: false, fadeAnimation: false, inertia: false });
+// Without the rounding to whole pixels, which makes curves uneven.
+map.latLngToLayerPoint = (place) => map.project(L.latLng(place)).subtract(map.getPixelOrigin());
 L.control.scale({ imperial: false }).addTo(map);
-for (const [name, level] of [["base", 410], ["chosen", 420]]) map.createPane(name).style.zIndex = level;
+for (const [name, level] of [["regions", 405], ["base", 410], ["chosen", 420]]) map.createPane(name).style.zIndex = level;
 map.getPane("chosen").style.pointerEvents = "none";
 const base = L.canvas({ pane: "base", padding: 0.3 }), top = L.canvas({ pane: "chosen", padding: 0.3 });
-const baseLayer = L.layerGroup().addTo(map), chosenLayer = L.layerGroup().addTo(map);
+const regionLayer = L.layerGroup().addTo(map), baseLayer = L.layerGroup().addTo(map), chosenLayer = L.layerGroup().addTo(map);
 const bounds = L.latLngBounds(at(plane.low[0], plane.low[1]), at(plane.high[0], plane.high[1]));
 map.fitBounds(bounds);
 const reach = 3 * Math.max(plane.high[0] - plane.low[0], plane.high[1] - plane.low[1], 1);
@@ -81,9 +83,9 @@ function hyperbola(from, reference, difference) {
   return points;
 }
 function arc(x, y, radius, from, to) {
-  const points = [];
-  for (let k = 0; k <= 240; k++) {
-    const turn = from + ((to - from) * k) / 240;
+  const points = [], count = Math.ceil(Math.min(5000, 240 * Math.max(1, radius / reach)));
+  for (let k = 0; k <= count; k++) {
+    const turn = from + ((to - from) * k) / count;
     points.push(at(x + radius * Math.cos(turn), y + radius * Math.sin(turn)));
   }
   return points;
@@ -133,7 +135,7 @@ function drawBase() {
     const look = { renderer: base, pane: "base", color: color("--mirror"), weight: opaque ? 1 : 3, fill: opaque, fillOpacity: 0.25 };
     const shape = mirror.points
       ? L.polyline(mirror.points.map(([x, y]) => at(x, y)), look)
-      : L.polygon(arc(mirror.x, mirror.y, mirror.radius, 0, 2 * Math.PI), look);
+      : L.circle(at(mirror.x, mirror.y), { ...look, radius: mirror.radius });
     shape.bindTooltip(tip(`reflector ${mirror.name}`), { sticky: true }).addTo(baseLayer);
   }
   if (get("everything").checked) {
@@ -143,7 +145,7 @@ function drawBase() {
       const own = groupColor(groupOf(all[number]));
       if (all.length <= MOST_ELLIPSES && block.major[row] !== null) {
         L.polygon(ellipse(block.x[row], block.y[row], block.major[row], block.minor[row], block.turn[row]),
-          { renderer: base, pane: "base", color: own, weight: 1, fill: false, interactive: false }).addTo(baseLayer);
+          { renderer: base, pane: "base", color: own, weight: 1, fill: false, interactive: false, smoothFactor: 0 }).addTo(baseLayer);
       }
       const dot = L.circleMarker(at(block.x[row], block.y[row]), { renderer: base, pane: "base", radius: all.length > 300 ? 2 : 3.5, stroke: false, fillColor: own, fillOpacity: 0.75, interactive: clickable });
       if (clickable) dot.bindTooltip(() => tip(describe(number))).on("click", () => choose(block.snapshot[row]));
@@ -189,7 +191,7 @@ function drawChosen() {
     for (let row = start; row < stop; row++) {
       const look = LOOKS[block.look[row]];
       for (const curve of curvesOf(block, row)) {
-        L.polyline(curve, { ...common, color: color(look.color), dashArray: look.dash, weight, opacity, smoothFactor: 0.3 }).addTo(chosenLayer);
+        L.polyline(curve, { ...common, color: color(look.color), dashArray: look.dash, weight, opacity, smoothFactor: 0 }).addTo(chosenLayer);
       }
     }
   }
@@ -199,13 +201,35 @@ function drawChosen() {
     if (block.x[row] !== null && block.y[row] !== null) {
       if (block.major[row] !== null) {
         L.polygon(ellipse(block.x[row], block.y[row], block.major[row], block.minor[row], block.turn[row]),
-          { ...common, color: own, weight: 2, fillOpacity: 0.12 }).addTo(chosenLayer);
+          { ...common, color: own, weight: 2, fillOpacity: 0.12, smoothFactor: 0 }).addTo(chosenLayer);
       }
       L.circleMarker(at(block.x[row], block.y[row]), { ...common, radius: 6, color: color("--paper"), weight: 1.5, fillColor: own, fillOpacity: 1 }).addTo(chosenLayer);
     }
     if (block.truth_x && block.truth_x[row] !== null) {
       L.circleMarker(at(block.truth_x[row], block.truth_y[row]), { ...common, radius: 7, color: color("--truth"), weight: 2, fill: false }).addTo(chosenLayer);
     }
+  }
+}
+
+// The regions of 50, 90 and 95 % of the posterior of the chosen snapshot, and of maps of no snapshot.
+function drawRegions() {
+  regionLayer.clearLayers();
+  const probe = document.createElement("canvas").getContext("2d");
+  probe.fillStyle = color("--region");
+  const shade = [1, 3, 5].map((k) => parseInt(probe.fillStyle.slice(k, k + 2), 16)), opacities = [0, 200, 110, 55];
+  for (const posterior of data.posterior) {
+    if (posterior.snapshot !== chosen && posterior.snapshot !== -1) continue;
+    const [height, width] = posterior.shape, levels = atob(posterior.levels);
+    const canvas = document.createElement("canvas");
+    canvas.width = width;
+    canvas.height = height;
+    const context = canvas.getContext("2d"), picture = context.createImageData(width, height);
+    for (let k = 0; k < levels.length; k++) picture.data.set([...shade, opacities[levels.charCodeAt(k)]], 4 * k);
+    context.putImageData(picture, 0, 0);
+    const place = L.latLngBounds(at(...posterior.low), at(...posterior.high));
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", "Regions of 50, 90 and 95 % of the posterior");
+    L.svgOverlay(canvas, place, { pane: "regions", className: "region" }).addTo(regionLayer); // takes any element
   }
 }
 
@@ -256,6 +280,7 @@ function listChosen() {
 }
 function choose(snapshot) {
   chosen = Math.max(0, Math.min(data.snapshots.length - 1, snapshot));
+  drawRegions();
   drawChosen();
   listChosen();
   for (const line of get("table").querySelectorAll("tbody tr")) line.classList.toggle("chosen", line.dataset.snapshot === String(chosen));
@@ -357,7 +382,7 @@ function turnPage(step) {
 // What does not change: header, legend, statistics, provenance.
 function sample(look) {
   const drawing = svg("svg", { width: 34, height: 14, viewBox: "0 0 34 14", "aria-hidden": "true" });
-  if (look.dot) drawing.append(svg("circle", { cx: 17, cy: 7, r: 5, fill: look.hollow ? "none" : `var(${look.color})`, stroke: `var(${look.color})`, "stroke-width": 2 }));
+  if (look.dot) drawing.append(svg("circle", { cx: 17, cy: 7, r: 5, fill: look.hollow ? "none" : `var(${look.color})`, stroke: `var(${look.color})`, "stroke-width": 2, opacity: look.opacity || 1 }));
   else drawing.append(svg("line", { x1: 0, x2: 34, y1: 7, y2: 7, stroke: `var(${look.color})`, "stroke-width": look.width || 2, "stroke-dasharray": look.dash || "none" }));
   return drawing;
 }
@@ -375,6 +400,7 @@ function legend() {
     });
   }
   groups.forEach((title, number) => add(sample({ dot: true, color: `--group${number % 6}` }), `${title}, with its 95 % ellipse`));
+  for (const [opacity, share] of data.posterior.length ? [[0.78, 50], [0.43, 90], [0.22, 95]] : []) add(sample({ dot: true, color: "--region", opacity }), `${share} % of the posterior`);
   if (some("truth_x")) add(sample({ dot: true, hollow: true, color: "--truth" }), "truth");
 }
 function table(content) {
@@ -434,13 +460,14 @@ get("everything").addEventListener("change", drawBase);
 get("filter").addEventListener("input", filter);
 get("page-previous").addEventListener("click", () => turnPage(-1));
 get("page-next").addEventListener("click", () => turnPage(1));
-if (!sensors.name.length && !all.length && !data.measured.length) get("picture").hidden = true;
+if (!sensors.name.length && !all.length && !data.measured.length && !data.posterior.length) get("picture").hidden = true;
 describeFiles();
 legend();
 makeTable();
 drawBase();
 choose(0);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+  drawRegions();
   drawBase();
   drawChosen();
 });
