@@ -155,3 +155,35 @@ def test_the_bound_is_the_inverse_information_of_all_rows(cli: Cli, ships: Path)
     none = cli("bound", "-", "-p", "motion=velocity", "-q", stdin=straight).table
     assert none.column("rms_m").null_count == none.column("bound_vxvx_m2_s2").null_count == 3
     assert cli("bound", "ships.csv", "-p", "motion=velocity", "--map", "0,1,0,1,1").code == 2
+
+
+@pytest.mark.parametrize("kind", ["bearings", "ranges"])
+def test_three_dimensions_have_a_third_velocity(cli: Cli, tmp_path: Path, kind: str) -> None:
+    """With heights of sensors the state has six unknowns; velocities and covariances in the order of the contract."""
+    rng, rows = np.random.default_rng(4), []
+    corners = [(0.0, 0.0, 3.0), (100.0, 0.0, 30.0), (100.0, 80.0, 2.0), (0.0, 80.0, 20.0)]
+    for number in range(24):
+        x, y, z = np.array([40.0, 30.0, 12.0]) + (number - 11.5) * np.array([0.5, -0.3, 0.2]) - corners[number % 4]
+        row = {"time_s": float(number), "sensor": f"s{number % 4}"}
+        row |= dict(zip(("sensor_x_m", "sensor_y_m", "sensor_z_m"), corners[number % 4], strict=True))
+        noise = rng.normal(size=2)
+        if kind == "ranges":
+            row |= {"range_m": float(np.hypot(np.hypot(x, y), z) + 0.1 * noise[0]), "range_std_m": 0.1}
+        else:
+            row |= {"bearing_rad": float(np.arctan2(y, x) + 0.01 * noise[0]), "bearing_std_rad": 0.01}
+            row |= {"elevation_rad": float(np.arctan2(z, np.hypot(x, y)) + 0.01 * noise[1]), "elevation_std_rad": 0.01}
+        rows.append(row)
+    pc.write_csv(pa.Table.from_pylist(rows), tmp_path / "space.csv")
+    outcome = cli("localize", "space.csv", *MOTION, "--dimensions", 3, "-q")
+    (found,) = outcome.table.to_pylist()
+    names = list(found)
+    assert names[names.index("vx_m_s") :][:9] == [
+        *("vx_m_s", "vy_m_s", "vz_m_s", "cov_vxvx_m2_s2", "cov_vxvy_m2_s2", "cov_vyvy_m2_s2"),
+        *("cov_vxvz_m2_s2", "cov_vyvz_m2_s2", "cov_vzvz_m2_s2"),
+    ]
+    assert (found["status"], found["time_s"]) == ("ok", 11.5)
+    for axis, true in zip("xyz", (0.5, -0.3, 0.2), strict=True):
+        assert abs(found[f"v{axis}_m_s"] - true) < 4.0 * found[f"cov_v{axis}v{axis}_m2_s2"] ** 0.5
+    held = cli("localize", "space.csv", *MOTION, "--dimensions", 3, "--target-z-m", 12)
+    assert held.code == 2
+    assert "leave out --target-z-m" in held.err or "target_z_m" in held.err

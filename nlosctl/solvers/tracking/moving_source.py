@@ -27,6 +27,9 @@ _EQUAL_NATS = 1e-6
 _CONDITION_LIMIT = 1e6
 """Largest condition number of the information, movements within the duration, of a state that is determined."""
 
+_CREEPING_CONDITION = 1e4
+"""A descent that has not settled at a larger condition creeps along a valley that leads to a false maximum."""
+
 _RELATIVE_MINIMUM_RANGE = 1e-6
 """A path that passes a sensor at less than this share of the extent of the sensors is degenerate."""
 
@@ -99,7 +102,8 @@ def judge_moving(moving: MovingRows, optimum: MovingOptimum, min_range_m: float)
 
     With noise a state that is not observable is a false maximum: the source moves with the sensor, or is far away. So
     degenerate is: the standard deviation of the position exceeds the distance to the farthest sensor, the path passes
-    within ``min_range_m``, or a millionth of the sensors' extent, of a sensor that saw it, or the condition is too bad.
+    within ``min_range_m``, or a millionth of the sensors' extent, of a sensor that saw it, the condition is too bad, or
+    the descent creeps towards such a maximum without end.
     """
     with ignoring_overflow():
         distance = moving.distance_m(optimum.state)
@@ -107,7 +111,7 @@ def judge_moving(moving: MovingRows, optimum: MovingOptimum, min_range_m: float)
         smallest, largest = optimum.information.eigenvalues()
         position = optimum.information.inverse().leading(len(optimum.state) // 2)
         sure = (position.trace > 0.0) & (position.trace <= farthest * farthest)
-        sure &= smallest * _CONDITION_LIMIT > largest
+        sure &= smallest * np.where(optimum.converged, _CONDITION_LIMIT, _CREEPING_CONDITION) > largest
         sure &= nearest > np.maximum(min_range_m, _RELATIVE_MINIMUM_RANGE * moving.extent_m)
     status = np.full(sure.shape, Status.OK, dtype=np.uint8)
     status[~optimum.converged] = Status.NOT_CONVERGED
