@@ -21,7 +21,7 @@ from nlosctl.pipeline.calibrate.known_positions import OWN_COLUMNS
 __all__ = ["SensorCalibration", "calibrate"]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class SensorCalibration:
     """Offsets of sensors, and the report of how they were estimated.
 
@@ -30,6 +30,9 @@ class SensorCalibration:
 
     report: CalibrationReport
     bad_rows: Any | None = None
+
+    def __repr__(self) -> str:
+        return "\n".join(self.report.lines())
 
     @property
     def calibration(self) -> Calibration:

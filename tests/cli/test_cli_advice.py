@@ -99,6 +99,16 @@ def test_ranges_in_another_unit(cli: Cli, tmp_path: Path, unit: str, metres: flo
     np.testing.assert_allclose(fixes(tmp_path), SOURCES, atol=1e-4)
 
 
+def test_ranges_in_another_unit_than_their_standard_deviations(cli: Cli, tmp_path: Path) -> None:
+    """Ranges in kilometres beside standard deviations in metres: the advice names the column of ranges alone."""
+    ranges = np.hypot(*np.moveaxis(SOURCES[:, None] - SENSORS, -1, 0)).ravel() + 0.3 * (-1) ** np.arange(
+        SOURCES.shape[0] * len(SENSORS)
+    )
+    columns = rows_of(SOURCES, SENSORS) | {"range_m": (ranges / 1000.0).tolist(), "range_std_m": [0.5] * len(ranges)}
+    (tmp_path / "m.csv").write_text(table_csv(columns))
+    assert advised(cli("localize", "m.csv", "-o", "e.csv")) == ["--column", "range_km=range_m"]
+
+
 @pytest.mark.parametrize("change", ["turned", "exchanged", "relative"])
 def test_triplets(cli: Cli, tmp_path: Path, change: str) -> None:
     """Arrivals in the direction of travel, exchanged directions, relative delays: the cause is named."""

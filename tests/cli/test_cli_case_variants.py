@@ -44,6 +44,7 @@ _KILOMETRES = "range_km=range_m and --column range_std_km=range_std_m"
         (("calibrate", "-o", "c.toml"), BACK, "back_azimuth_deg=azimuth_deg"),
         (("calibrate", "-o", "c.toml"), _RANGES, _KILOMETRES),
         (("posterior", "--snapshot", "1", "-o", "m.csv"), MIRRORED, "azimuth_ccw_deg=azimuth_deg"),
+        (("identify-los", "--kind", "bearings", "-o", "i.csv"), MIRRORED, "azimuth_ccw_deg=azimuth_deg"),
     ],
 )
 def test_each_command_reports_the_likely_cause(
@@ -98,6 +99,14 @@ def test_a_calibration_of_snapshots_of_one_row_says_so(cli: Cli, tmp_path: Path)
     head, *rows = _RANGES.splitlines()
     (tmp_path / "one.csv").write_text("\n".join([head, *(f"{n}{row[1:]}" for n, row in enumerate(rows))]))
     assert "every snapshot has one row" in cli("calibrate", "one.csv", "-o", "c.toml").err
+
+
+def test_sources_of_snapshots_of_one_row_say_so(cli: Cli, tmp_path: Path) -> None:
+    """Sources among bearings need several rows a snapshot too."""
+    head, *rows = MIRRORED.splitlines()
+    (tmp_path / "one.csv").write_text("\n".join([head, *(f"{n}{row[1:]}" for n, row in enumerate(rows))]))
+    done = cli("identify-los", "one.csv", "--kind", "bearings", "-o", "f.csv")
+    assert "every snapshot has one row" in done.err
 
 
 def test_radians_in_two_columns_of_degrees(cli: Cli, tmp_path: Path) -> None:

@@ -116,7 +116,9 @@ def _no_fix(runs: Sequence[MethodRun], report: RunReport, measured: Measured) ->
     if not located and report.snapshots:
         unlabelled = [run for run in runs if (run.spec.job, run.spec.kind) == ("identify-los", "bearings")]
         if unlabelled:
-            return [_no_target(run) for run in unlabelled]
+            column = measured.headers.get("snapshot", "snapshot")
+            lone = report.largest_snapshot == 1
+            return [_few_rows([run], report, column) if lone else _no_target(run) for run in unlabelled]
     if located or not report.snapshots or all(run.spec.job != "localize" for run in runs):
         return []
     statuses: Counter[str] = sum((tally.statuses for tally in tallies), Counter())

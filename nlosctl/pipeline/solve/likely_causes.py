@@ -37,6 +37,12 @@ _MOST_SNAPSHOTS = 200
 _FEWEST_PAIRS = 5
 _TRIED, _AS_GIVEN, _PAIRS, _SHORT = "tried", "as given", "pairs", "short"
 _EXCHANGED = "exchanged"
+_ALONE = " alone"
+"""After the name of a unit: the ranges alone are in it, their standard deviations as given."""
+
+_LARGEST_STD = 0.2
+"""Standard deviations that would be a larger share of the ranges are not in the unit of these: everything would fit."""
+
 _EXCHANGE = {"dod_rad": "doa_rad", "doa_rad": "dod_rad", "dod_std_rad": "doa_std_rad", "doa_std_rad": "dod_std_rad"}
 _VARIED = {"bearings": "bearing_rad", "ranges": "range_m", "triplets": "doa_rad"}
 
@@ -115,7 +121,10 @@ def changes(columns: Columns, measured: Measured) -> Iterator[tuple[str, Columns
     for other in _others(measured):
         changed = {**columns, name: stated * other.scale + other.offset - heading_rad}
         if name == "range_m" and "range_std_m" not in measured.constants:
-            changed["range_std_m"] = columns["range_std_m"] * (other.scale / given.scale)
+            yield other.name + _ALONE, changed
+            changed = {**changed, "range_std_m": columns["range_std_m"] * (other.scale / given.scale)}
+            if np.median(changed["range_std_m"]) > _LARGEST_STD * np.median(changed["range_m"]):
+                continue
         yield other.name, changed
 
 
@@ -162,6 +171,7 @@ def cause_remarks(counts: Mapping[str, int], measured: Measured) -> list[str]:
         ]
     pairs = counts.get(_PAIRS, 0) > _MOST * tried
     names = [other.name for other in _others(measured)] + [_EXCHANGED] * (measured.kind == "triplets")
+    names += [name + _ALONE for name in names]
     best = max(names, key=lambda name: counts.get(name, 0))
     if counts.get(best, 0) > (_NEARLY_ALL if pairs else _MOST) * tried and not (pairs and tried < _FEWEST_PAIRS):
         what = "paths" if measured.kind == "triplets" else "snapshots"
@@ -171,7 +181,8 @@ def cause_remarks(counts: Mapping[str, int], measured: Measured) -> list[str]:
 
 def change_text(name: str, measured: Measured) -> str:
     """Return what the change ``name`` of `changes` is and the setting for it, after 'fit'."""
-    given = _spelling(measured).name
+    given, stated = _spelling(measured).name, name
+    name = name.removesuffix(_ALONE)
     if name == _EXCHANGED:
         dod = given.replace("doa", "dod")
         return (
@@ -182,7 +193,7 @@ def change_text(name: str, measured: Measured) -> str:
     if given.endswith("_rad"):
         return f"if {header!r} is read as {meaning}: convert it to degrees and name it {name}"
     option = measured.option(given, name)
-    if measured.kind == "ranges" and "range_std_m" not in measured.constants:
+    if measured.kind == "ranges" and "range_std_m" not in measured.constants and stated == name:
         option += f" and {measured.option(_std(given), _std(name))}"
     return f"if {header!r} is read {'in' if measured.kind == 'ranges' else 'as'} {meaning}: {option}"
 

@@ -280,7 +280,8 @@ class MeasurementRun:
             from nlosctl.pipeline.solve.outlier_shares import count_lone_rows
 
             count_lone_rows(robust, chunk, solution.estimates)
-        suspect = any(report.methods[run.label].mostly_bad for run in self._runs if run.spec.job != "identify-los")
+        named = [run for run in self._runs if run.spec.job != "identify-los" or run.spec.kind == "bearings"]
+        suspect = any(report.methods[run.label].mostly_bad for run in named)
         if suspect and self.reader.dimension == 2 and not self.reader.options.keep_times:
             from nlosctl.pipeline.solve.likely_causes import fit_after_changes
 
