@@ -214,3 +214,24 @@ def test_filtered_states_need_known_offsets() -> None:
     expected = nlosctl.track(by_hand, acceleration_psd=Q, causal=True).estimates
     for name in ("x_m", "vy_m_s", "cov_xx_m2"):
         np.testing.assert_allclose(numbers(corrected, name), numbers(expected, name), rtol=1e-9)
+
+
+def test_the_density_is_estimated_beside_the_offsets() -> None:
+    """The estimated density is where the evidence of the dense Gaussian problem at scipy's path is largest."""
+    world = World("ranges", seed=8, size=20)
+    result = nlosctl.track(world.table(), estimate_acceleration=True, calibration=world.calibration())
+    found = result.report.settings["acceleration_psd"]
+
+    def evidence(density: float) -> float:
+        rows, other = world.snapshot.size, 4 * (world.size - 1)
+
+        def scaled(flat: FloatArray) -> FloatArray:
+            whole = world.residuals(flat)
+            whole[rows : rows + other] *= np.sqrt(Q / density)
+            return whole
+
+        states = np.concatenate([world.path[:, 0], world.path[:, 1]], axis=1)
+        best = least_squares(scaled, np.concatenate([states.ravel(), np.zeros(4)]), xtol=1e-12, ftol=1e-12)
+        return -best.cost - 0.5 * np.linalg.slogdet(best.jac.T @ best.jac)[1] - 0.5 * other * np.log(density)
+
+    assert evidence(found) > max(evidence(0.8 * found), evidence(1.25 * found))

@@ -91,13 +91,15 @@ def track_rows(tracked: TrackedRows, density: float | None) -> TracksOfRows:
 
         uncertain = tracked.uncertain
         tracks = place([block.rows for block in tracked.blocks] if uncertain is None else uncertain.widened())
-        if last and last[-1].shape[0] == of.within.shape[0]:
-            found = find_paths(tracks, last[-1])
-        else:
+        warm = bool(last) and last[0].shape[0] == of.within.shape[0]
+        if not warm:
             found = best_paths(tracks, fixes, of, is_mixture=tracked.is_mixture)
+        else:
+            found = find_paths(tracks, last[0]) if uncertain is None else find_paths(tracks, last[0], most=0)
+        unknowns = last[1:]
         if uncertain is not None:
-            tracks, found = with_offsets(uncertain, place, tracks, found)
-        last[:] = [found.path.states]
+            tracks, found, *unknowns = with_offsets(uncertain, place, tracks, found, last[1] if warm else None)
+        last[:] = [found.path.states, *unknowns]
         return of, tracks, found
 
     def log_evidence(q: float) -> float:

@@ -62,12 +62,16 @@ Place = Callable[[Sequence[FollowedRows]], MeasuredTracks]
 
 
 def with_offsets(
-    rows: UncertainRows, place: Place, tracks: MeasuredTracks, found: FoundPaths
-) -> tuple[MeasuredTracks, FoundPaths]:
-    """Return the tracks less the likeliest offsets, and their paths, from those ``found`` without knowing them."""
+    rows: UncertainRows, place: Place, tracks: MeasuredTracks, found: FoundPaths, known: FloatArray | None = None
+) -> tuple[MeasuredTracks, FoundPaths, FloatArray]:
+    """Return the tracks less the likeliest offsets, their paths, and the unknowns z (T, R).
+
+    The search starts from paths that were ``found`` without the offsets, or with those of unknowns that are ``known``.
+    """
     factors = _factors(rows, tracks)
     states, motion = found.path.states.copy(), tracks.motion
-    unknown = np.zeros((motion.first.shape[0], factors[0].shape[-1]))
+    shape = motion.first.shape[0], factors[0].shape[-1]
+    unknown = np.zeros(shape) if known is None else known.copy()
     active, searched = np.ones(unknown.shape[0], dtype=bool), found.settled.copy()
     for _ in range(_MOST_STEPS):
         pairs = zip(factors, tracks.blocks, strict=True)
@@ -86,7 +90,7 @@ def with_offsets(
     covariance = last.path.covariance + equations.spread(motion.track)
     evidence = last.path.log_evidence - 0.5 * (equations.log_determinant + np.sum(unknown * unknown, axis=1))
     path = replace(last.path, covariance=covariance, log_evidence=evidence)
-    return tracks, FoundPaths(path, searched & ~active)
+    return tracks, FoundPaths(path, searched & ~active), unknown
 
 
 def _factors(rows: UncertainRows, tracks: MeasuredTracks) -> list[FloatArray]:
