@@ -101,6 +101,17 @@ def test_a_calibration_of_snapshots_of_one_row_says_so(cli: Cli, tmp_path: Path)
     assert "every snapshot has one row" in cli("calibrate", "one.csv", "-o", "c.toml").err
 
 
+def test_times_taken_as_snapshots_lead_to_windows(cli: Cli, tmp_path: Path) -> None:
+    """Stations that log at times of their own: the advice names --window, which gives the fixes."""
+    rows = [f"{10 * n + k},{row[2:]}" for n in range(2) for k, row in enumerate(MIRRORED.splitlines()[1:4])]
+    (tmp_path / "t.csv").write_text("\n".join(["Time", *rows]).replace("Time", "Time" + AZIMUTHS[8:].strip(), 1))
+    read = ("--column", "azimuth_ccw_deg=azimuth_deg")
+    advised = cli("localize", "t.csv", *read, "--column", "snapshot=Time", "-o", "o.csv").err
+    assert "read them as 'time_s' (or 'time', ISO 8601) instead of 'snapshot', and set --window" in advised
+    fixes = cli("localize", "t.csv", *read, "--column", "time_s=Time", "--window", "5s", "-q").table
+    assert fixes["x_m"].to_pylist() == pytest.approx([50.0] * 2, abs=1.0)
+
+
 def test_sources_of_snapshots_of_one_row_say_so(cli: Cli, tmp_path: Path) -> None:
     """Sources among bearings need several rows a snapshot too."""
     head, *rows = MIRRORED.splitlines()

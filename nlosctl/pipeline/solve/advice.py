@@ -142,7 +142,8 @@ def _few_rows(runs: Sequence[MethodRun], report: RunReport, snapshot_column: str
     if largest == 1 and report.snapshots > 1:
         return (
             f"every snapshot has one row, because no two rows have the same {snapshot_column!r}; give the rows of one "
-            "position of the source the same value, such as the number of a window of time"
+            "position of the source the same value, or make snapshots of times: read them as 'time_s' (or 'time', ISO "
+            "8601) instead of 'snapshot', and set `window`"
         )
     rows = "1 row" if largest == 1 else f"{largest} rows"
     if largest >= max(least, 2):
