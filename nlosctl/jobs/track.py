@@ -90,7 +90,8 @@ def track(
             return _track_fixes(sources, read, own, options, write, destination)
         if own.association is not None:
             raise UsageError(
-                f"{sources[0].name}: `associate` is for estimates of several targets; find those first (identify-los)"
+                f"{sources[0].name}: `associate` is for estimates of several targets; find those first, by "
+                "identify-los with `estimates_out`, and with `carry` time_s where no `window` makes the snapshots"
             )
         return _track_measurements(sources, read, own, options, write, destination)
 

@@ -235,6 +235,11 @@ def test_folders_need_measurements_in_files(cli: Cli, tmp_path: Path) -> None:
         (["-m", "ml", "-m", "mixture-ml"], 2, "--method: a track is found by one method. Got 2."),
         (["-m", "mixture-ml", "-p", "alpha=estimate"], 2, "alpha=estimate: set a number to track with"),
         (["--by", "tga"], 1, "no column 'tga' (did you mean 'tag'?)"),
+        (
+            ["--associate"],
+            2,
+            "find those first, by identify-los with --estimates-out, and with --carry time_s where no",
+        ),
         (["--by", "tag"], 1, "rows of several tracks by tag (t0, t1)"),
         (["--window", "2s"], 1, "has a column 'snapshot', so that --window cannot make snapshots"),
         (["--max-sort-rows", "99"], 1, "more than 99 rows, which a track needs in memory"),
