@@ -53,7 +53,7 @@ def test_rays_lead_along_their_bearings(table: Any) -> None:
     assert np.abs(wrong).max() < 2e-3
     assert rows["size"] == [8] * 60
     np.testing.assert_allclose(np.radians(rows["value"]), table["bearing_rad"].to_numpy(), atol=1e-4)
-    names = [plane["sensors"]["name"][k] for k in rows["sensor"]]
+    names = [plane["sensors"]["names"][plane["sensors"]["name"][k]] for k in rows["sensor"]]
     assert names == table["sensor"].to_pylist()
 
 
@@ -135,6 +135,32 @@ def test_regions_of_a_posterior_hold_their_cells(table: Any) -> None:
     assert np.add(found["low"], page["map"]["origin"]).tolist() == [-500.0, -400.0]
     assert np.add(found["high"], page["map"]["origin"]).tolist() == [500.0, 400.0]
     assert found["snapshot"] == (page["snapshots"].index("3") if "snapshot" in cells.column_names else -1)
+
+
+def test_flags_of_several_methods_show_one(table: Any) -> None:
+    """The rays are those of the first method, or of the one that a condition names."""
+    solved = nlosctl.localize(table, method=("mixture-ml", "ml"))
+    first = nlosctl.report(solved.flags)
+    assert any("mixture-ml" in note for note in first.notes)
+    assert content(first)["measured"][0]["size"] == [8] * 60
+    other = nlosctl.report(solved.flags, where="method == ml")
+    assert other.notes == ()
+    assert content(other)["measured"][0]["size"] == [8] * 60
+    assert content(other)["measured"][0]["look"] != content(first)["measured"][0]["look"]
+
+
+def test_triplets_have_their_angles_and_lengths() -> None:
+    """The page has nodes, angles in degrees and path lengths of triplets; 10^4 snapshots stay below 5 MB."""
+    table = nlosctl.simulate("triplets", trials=10_000, seed=1)
+    page = nlosctl.report(table, nlosctl.localize(table, method="ml").estimates)
+    assert len(page.html) < 5_000_000
+    found = content(page)
+    rows, sensors, origin = found["measured"][0], found["map"]["sensors"], found["map"]["origin"]
+    np.testing.assert_allclose(np.radians(rows["departing"]), table["dod_rad"].to_numpy(), atol=1e-4)
+    np.testing.assert_allclose(np.radians(rows["arriving"]), table["doa_rad"].to_numpy(), atol=1e-4)
+    np.testing.assert_allclose(rows["value"], table["path_length_m"].to_numpy(), rtol=1e-4)
+    places = np.array(sensors["x"])[rows["reference"]] + origin[0]
+    np.testing.assert_allclose(places, table["rx_x_m"].to_numpy(), atol=0.01)
 
 
 def test_the_same_bytes_every_time(tmp_path: Path, table: Any, solved: Any) -> None:

@@ -15,6 +15,7 @@ from nlosctl.errors import DataError
 from nlosctl.io.results.plot_inputs import PlotInput, SampledRows, read_sampled
 from nlosctl.io.results.sampled_snapshots import SampledSnapshots, read_sampled_snapshots
 from nlosctl.io.results.status_counts import count_statuses
+from nlosctl.io.row_steps.conditions import parse_condition
 from nlosctl.pipeline.engine.writing import PROVENANCE_KEY
 from nlosctl.pipeline.report import statistics
 from nlosctl.pipeline.report.estimate_rows import ESTIMATE_COLUMNS, EstimateRows
@@ -146,7 +147,8 @@ class _Work:
             self.notes += [note] if note else []
             scored = statistics.flag_table(file)
             self.tables += [scored] if scored else []
-            if "method" in file.names:
+            chosen = [parse_condition(condition).column for condition in read.where]
+            if "method" in file.names and "method" not in chosen:
                 method = str(read_sampled(file, ("method",), 1000).columns["method"][0])
                 read = replace(read, where=(*read.where, f"method == {method}"))
                 self.notes.append(f"{file.name}: the rays are those of the rows of {method}; `where` selects others")

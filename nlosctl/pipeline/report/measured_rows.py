@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from nlosctl.arrays import FloatArray, IntArray, ignoring_invalid
+from nlosctl.arrays import FloatArray, IntArray
 from nlosctl.contract.scene import CircleReflector, PlaneReflector, Reflector, SphereReflector
 from nlosctl.io.results.plotted_rows import differences_of, kinds_of_rows
 from nlosctl.io.results.sampled_snapshots import SampledSnapshots
@@ -169,18 +169,11 @@ class MeasuredRows:
         length, drawn = columns["path_length_m"], self._sample.dimension == 2
         if not drawn:
             self.notes.append("of triplets in three dimensions the plan has the rays, not the ellipses")
-        ends = [
-            self._ends(self._traced(self._positions(node), columns[angle]), name)
-            for node, angle, name in (("tx", "dod_rad", "departing"), ("rx", "doa_rad", "arriving"))
-        ]
-        baseline = self._positions("rx") - self._positions("tx")
-        with ignoring_invalid():
-            minor = 0.5 * np.sqrt(length**2 - np.sum(baseline**2, axis=1))
         return {
             "sensor": tx.tolist(),
             "reference": rx.tolist(),
             "value": rounded(length, self._decimals(length)),
-            **ends[0],
-            **ends[1],
-            "minor": rounded(minor if drawn else np.full(minor.shape, np.nan), self._plane.decimals),
+            "departing": rounded(np.degrees(columns["dod_rad"]), 2),
+            "arriving": rounded(np.degrees(columns["doa_rad"]), 2),
+            "ellipses": drawn,
         }

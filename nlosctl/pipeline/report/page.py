@@ -44,7 +44,7 @@ def page_bytes(content: Mapping[str, Any]) -> bytes:
     for part in parts[1:]:
         name, _, rest = part.partition("}}")
         filled += [slots[name], rest]
-    return "".join(filled).encode("utf-8")
+    return "".join(filled).encode("utf-8", errors="replace")  # a title may have bytes of a file's name
 
 
 def json_for_html(content: Mapping[str, Any]) -> str:

@@ -96,13 +96,15 @@ class PlaneMap:
         """Return the box, the sensors and the reflectors as plain values."""
         places = np.array(self._places, dtype=np.float64).reshape(-1, 2)
         fine = min(self.decimals + 2, 9)
+        names = {name: number for number, name in enumerate(dict.fromkeys(self._names))}
         mirrors = {mirror: None for scene in scenes for mirror in scene.reflectors}
         return {
             "origin": self.origin_m.tolist(),
             "low": rounded(self.low_m - self.origin_m, self.decimals),
             "high": rounded(self.high_m - self.origin_m, self.decimals),
             "sensors": {
-                "name": self._names,
+                "names": list(names),
+                "name": [names[name] for name in self._names],
                 "x": self.coordinates(places[:, 0], 0, fine),
                 "y": self.coordinates(places[:, 1], 1, fine),
             },

@@ -13,6 +13,7 @@ const LOOKS = [
 const NOUNS = { bearings: "bearing", ranges: "range", arrivals: "difference", triplets: "path" };
 const CURVES = { bearings: "ray", ranges: "circle", arrivals: "hyperbola", triplets: "rays and ellipse" };
 const plane = data.map, origin = plane.origin, sensors = plane.sensors;
+sensors.name = sensors.name.map((number) => sensors.names[number]);
 let chosen = 0;
 
 function element(tag, text, attributes) {
@@ -119,10 +120,11 @@ function curvesOf(block, row) {
     return curve ? [curve] : [];
   }
   const other = block.reference[row], ox = sensors.x[other], oy = sensors.y[other], curves = [];
-  if (known("departing_x")) curves.push([at(x, y), at(block.departing_x[row], block.departing_y[row])]);
-  if (known("arriving_x")) curves.push([at(ox, oy), at(block.arriving_x[row], block.arriving_y[row])]);
-  if (known("minor")) {
-    const outline = ellipse((x + ox) / 2, (y + oy) / 2, block.value[row] / 2, block.minor[row], Math.atan2(oy - y, ox - x));
+  const ray = (fromX, fromY, turn) => [at(fromX, fromY), at(fromX + reach * Math.cos(turn), fromY + reach * Math.sin(turn))];
+  curves.push(ray(x, y, (block.departing[row] * Math.PI) / 180), ray(ox, oy, (block.arriving[row] * Math.PI) / 180));
+  const minor2 = block.value[row] ** 2 - (ox - x) ** 2 - (oy - y) ** 2;
+  if (block.ellipses && minor2 > 0) {
+    const outline = ellipse((x + ox) / 2, (y + oy) / 2, block.value[row] / 2, Math.sqrt(minor2) / 2, Math.atan2(oy - y, ox - x));
     curves.push([...outline, outline[0]]);
   }
   return curves;
