@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 import math
+from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -248,7 +249,7 @@ def test_coverage_and_vertices_of_ellipses(tmp_path: Path) -> None:
     assert len(feature["geometry"]["coordinates"][0]) == 13
 
 
-@pytest.mark.parametrize("name", ["geojson", "kml", "czml", "gpx", "geoparquet"])
+@pytest.mark.parametrize("name", ["geojson", "kml", "czml", "gpx", "html", "geoparquet"])
 def test_empty_tables_give_valid_maps(tmp_path: Path, name: str) -> None:
     """An empty table gives an empty, readable map, and several tables the same as one."""
     path = tmp_path / f"none.{name}"
@@ -260,6 +261,8 @@ def test_empty_tables_give_valid_maps(tmp_path: Path, name: str) -> None:
         assert len(json.loads(path.read_text())) == 1
     elif name in ("kml", "gpx"):
         ElementTree.parse(path)  # noqa: S314 - our own file
+    elif name == "html":
+        assert "<caption>0 estimates</caption>" in path.read_text()
     else:
         assert len(geopandas.read_parquet(path)) == 0
     whole = export(tmp_path, name, estimates()).read_bytes()
@@ -267,6 +270,78 @@ def test_empty_tables_give_valid_maps(tmp_path: Path, name: str) -> None:
         for row in range(3):
             writer.write(estimates().slice(row, 1))
     assert path.read_bytes() == whole
+
+
+class PageReader(HTMLParser):
+    """The rows of the table of a page, and all of its elements with their attributes."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.rows: list[list[str]] = []
+        self.elements: list[tuple[str, dict[str, Any]]] = []
+        self._in_cell = False
+        self.feed(path.read_text())
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Note an element; begin a row or a cell."""
+        self.elements.append((tag, dict(attrs)))
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("th", "td"):
+            self._in_cell = True
+            self.rows[-1].append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        """End a cell."""
+        self._in_cell &= tag not in ("th", "td")
+
+    def handle_data(self, data: str) -> None:
+        """Add the text of a cell."""
+        if self._in_cell:
+            self.rows[-1][-1] += data
+
+
+def test_html_by_a_reader_of_html(tmp_path: Path) -> None:
+    """The table has all columns, names stay text, and the ellipse is drawn about the fix that is half way up."""
+    table = estimates(None)
+    names = ["</script><script>alert(1)</script>", "1 & 2", "2"]
+    table = table.set_column(0, "snapshot", pa.array(names))
+    truth = {"truth_x_m": [3100.0] * 3, "truth_y_m": [-900.0, -1100.0, -1000.0]}
+    for name, values in truth.items():
+        table = table.append_column(name, pa.array(values))
+    page = PageReader(export(tmp_path, "html", table))
+    rows = page.rows
+    assert rows[0] == table.column_names
+    assert [row[0] for row in rows[1:]] == names
+    assert rows[1][2:7] == ["3000", "-1000", "900", "200", "100"]
+    assert rows[3][2:4] == ["", ""]
+    assert "script" not in [tag for tag, _ in page.elements]
+    (drawing,) = (own for tag, own in page.elements if tag == "svg")
+    width, height = (float(side) for side in drawing["viewbox"].split()[2:])
+    circles = [own for tag, own in page.elements if tag == "circle"]
+    assert len(circles) == 2
+    assert float(circles[0]["cy"]) == pytest.approx(height / 2)
+    assert float(circles[0]["cx"]) == pytest.approx(16.0)  # 8 % of the 200 m from the edge
+    assert width == pytest.approx(100.0 + 32.0)
+    ring = next(own["d"] for _, own in page.elements if own.get("class") == "ellipse")
+    points = np.array([[float(word) for word in pair.split()] for pair in ring[1:-1].split("L")])
+    away = (points - [float(circles[0]["cx"]), float(circles[0]["cy"])]) * [1.0, -1.0]
+    squared = np.einsum("ni,ij,nj->n", away, np.linalg.inv([[900.0, 200.0], [200.0, 100.0]]), away)
+    np.testing.assert_allclose(squared, -2.0 * math.log(0.05), rtol=1e-3)
+
+
+def test_a_long_page_names_the_total(tmp_path: Path) -> None:
+    """Estimates beyond the limit are counted; metres of several planes are an error unless one is named."""
+    assert len(PageReader(export(tmp_path, "html", estimates(None), rows=2)).rows) == 3
+    assert "The first 2 of 3 estimates are shown." in (tmp_path / "fixes.html").read_text()
+    mixed = pa.concat_tables([estimates(None).append_column("frame", pa.nulls(3, pa.string())), estimates()])
+    (tmp_path / "fixes.html").unlink()
+    for name, more in (("html", {}), ("geojson", {"metres": True})):
+        with pytest.raises(DataError, match=f"{name} in metres takes estimates in one plane"):
+            export(tmp_path, name, mixed, **more)
+    with MapWriter(str(tmp_path / "one.html"), "html", {}, frame=parse_frame("47.37 8.54", "frame")) as writer:
+        writer.write(mixed)
+    assert len(PageReader(tmp_path / "one.html").rows) == 7
 
 
 @pytest.mark.parametrize(

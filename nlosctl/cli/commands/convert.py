@@ -61,8 +61,8 @@ def convert(
     """Convert files: logs of other programs to tables (--from), tables to tables, estimates to maps.
 
     Tables are copied unchanged, with their scene, between Parquet, CSV, Arrow and JSON Lines. The extension of the
-    output selects its format; .geojson, .kml, .czml, .gpx and .geoparquet take estimates, as 'localize -o' does too;
-    the first two also take bearings and maps of the bound.
+    output selects its format; .geojson, .kml, .czml, .gpx, .geoparquet and .html take estimates, as 'localize -o' does
+    too; the first two also take bearings and maps of the bound.
     """
     if show:
         _show(source, target, json)

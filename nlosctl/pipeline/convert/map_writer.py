@@ -73,6 +73,7 @@ class MapWriter:
         self._options = parse_options(spec.options, parameters, f"exporter {spec.name!r}")
         self._output = ByteOutput(target, overwrite=overwrite)
         self._frame = frame or frame_of(metadata or {})
+        self._frames: set[str | None] = set()
         self._track = track_columns(metadata or {})
         self._writer: PlacesWriter | None = None
         self._map: list[Any] = []
@@ -185,7 +186,9 @@ class MapWriter:
         ring_x, ring_y = x[:, None] + cos * along - sin * across, y[:, None] + sin * along + cos * across
         north = np.full(x.shape, 0.5 * np.pi)
         metres = bool(getattr(self._options, "metres", False))
-        if not metres:
+        if metres:
+            self._refuse_other_planes(columns)
+        else:
             x, y, ring_x, ring_y, north = self._on_earth(columns, x, y, ring_x, ring_y)
         outline = np.stack([ring_x, ring_y], axis=2)
         outline[~np.isfinite(outline).all(axis=(1, 2))] = np.nan
@@ -205,6 +208,15 @@ class MapWriter:
             cut={row: cut_ring(outline[row]) for row in cut_rows},
             track=self._track,
         )
+
+    def _refuse_other_planes(self, columns: Mapping[str, Sequence[Any]]) -> None:
+        """Raise DataError where metres are of several planes, unless the user names one."""
+        self._frames |= set(columns.get("frame", [None]))
+        if self._frame is None and len(self._frames) > 1:
+            raise DataError(
+                f"{self._spec.name} in metres takes estimates in one plane, and these have several (column 'frame'): "
+                "name one with `origin` LAT,LON or `crs` EPSG:CODE, or select rows with `where`"
+            )
 
     def _numbers(self, values: Sequence[Any], name: str) -> FloatArray:
         try:
