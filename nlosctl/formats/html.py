@@ -111,7 +111,10 @@ class _Writer:
             f'<svg viewBox="0 0 {width:.6g} {height:.6g}" role="img" font-size="{_TEXT * side:.4g}" '
             f'aria-label="Drawing of the estimates">\n'
         )
-        on_paper = lambda part: np.stack([part[:, 0] - low[0], high[1] - part[:, 1]], axis=1)  # noqa: E731
+
+        def on_paper(points: FloatArray) -> FloatArray:
+            return np.stack([points[:, 0] - low[0], high[1] - points[:, 1]], axis=1)
+
         for path in tracks:
             yield f'<path class="track" d="{_path(on_paper(path))}"/>\n'
         for mark in self._marks:
