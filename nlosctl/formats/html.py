@@ -97,8 +97,9 @@ class _Writer:
     def _drawing(self) -> Iterator[str]:
         """Yield a picture of places, ellipses, truths and tracks, north or +y on top."""
         tracks = [np.array([point[:2] for _, point in track.points]) for track in self._tracks.lines()]
-        places = [mark.place for mark in self._marks if mark.is_fix] or [mark.place for mark in self._marks]
-        points = np.concatenate([np.empty((0, 2)), *places, *(mark.truth for mark in self._marks), *tracks])
+        shown = [part for mark in self._marks if mark.is_fix for part in (mark.place, mark.ellipse)]
+        shown = shown or [mark.place for mark in self._marks]
+        points = np.concatenate([np.empty((0, 2)), *shown, *(mark.truth for mark in self._marks), *tracks])
         points = points[np.isfinite(points).all(axis=1)]
         if not len(points):
             yield "<p>No estimate has a position.</p>\n"

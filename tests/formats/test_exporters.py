@@ -321,8 +321,9 @@ def test_html_by_a_reader_of_html(tmp_path: Path) -> None:
     circles = [own for tag, own in page.elements if tag == "circle"]
     assert len(circles) == 2
     assert float(circles[0]["cy"]) == pytest.approx(height / 2)
-    assert float(circles[0]["cx"]) == pytest.approx(16.0)  # 8 % of the 200 m from the edge
-    assert width == pytest.approx(100.0 + 32.0)
+    half = math.sqrt(-2.0 * math.log(0.05) * 900.0)
+    assert float(circles[0]["cx"]) == pytest.approx(16.0 + half, rel=1e-3)  # the margin is 8 % of 200 m
+    assert width == pytest.approx(half + 100.0 + 32.0, rel=1e-3)
     ring = next(own["d"] for _, own in page.elements if own.get("class") == "ellipse")
     points = np.array([[float(word) for word in pair.split()] for pair in ring[1:-1].split("L")])
     away = (points - [float(circles[0]["cx"]), float(circles[0]["cy"])]) * [1.0, -1.0]
