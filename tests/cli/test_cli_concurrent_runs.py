@@ -61,19 +61,19 @@ def parts(tmp_path: Path) -> Path:
 
 
 @pytest.mark.process
-@pytest.mark.parametrize("option", ["--resume", "--overwrite", "-q"])
-def test_a_second_run_into_a_folder_is_refused(parts: Path, option: str) -> None:
-    """While a run writes into a folder, another ends with one line that names it, and the first completes."""
+def test_a_second_run_into_a_folder_is_refused(parts: Path) -> None:
+    """While a run writes into a folder, others end with one line that names it, and the first completes."""
     words = ("localize", *INPUTS, "-q", "-o", "out/")
     with started(*words, "--flags-out", "flags/", folder=parts) as first:
         stopped_when(first, lambda: bool([*parts.glob("out/.*.part"), *parts.glob("out/*.parquet")]))
-        second = process(*words, option, cwd=parts)
+        others = [process(*words, option, cwd=parts) for option in ("--resume", "--overwrite", "-q")]
         elsewhere = process("localize", "in/0.parquet", "-q", "-o", "new/", "--flags-out", "flags/", cwd=parts)
         first.send_signal(signal.SIGCONT)
         assert first.wait(60) == 0, first.stderr
     by = f"another run writes here (process {first.pid} on {socket.gethostname()})"
-    assert (second.code, second.err.count("\n")) == (1, 1)
-    assert second.err.startswith(f"nlosctl: out: {by}"), second.err
+    for other in others:
+        assert (other.code, other.err.count("\n")) == (1, 1)
+        assert other.err.startswith(f"nlosctl: out: {by}"), other.err
     assert (elsewhere.code, elsewhere.err.startswith(f"nlosctl: flags: {by}")) == (1, True), elsewhere.err
     assert not (parts / "new").exists()
     assert listing(parts / "out") == RESULTS

@@ -75,6 +75,12 @@ def test_nothing_heavy_is_imported(imported: dict[str, tuple[set[str], str]], ca
     assert names & HEAVY == set()
 
 
+def test_one_process_runs_the_cases(request: pytest.FixtureRequest) -> None:
+    """Tests that share a costly fixture stay together: pytest-xdist adds the group to the names of its tests."""
+    if getattr(request.config.option, "loadgroup", False):
+        assert request.node.nodeid.endswith("@lazy_imports")
+
+
 def test_heavy_imports_are_detected() -> None:
     """A command that needs arrays imports numpy."""
     names, output = modules(["simulate", "ring", "--show"], {})
