@@ -139,9 +139,10 @@ AtomicFile.keep = keep_late
 
 
 def test_only_own_temporary_files_are_removed(folder: Path) -> None:
-    """Files of other programs beside the parts are kept."""
+    """Files of other programs beside the parts are kept; one that was killed before it locked its file has left it."""
     (folder / "out").mkdir()
-    for name in (".0.parquet.1a2b3c4d.part", ".1.parquet.1a2b3c4d.part", "0.parquet", ".other.part", "x.part"):
+    ours = (".0.parquet.1a2b3c4d.part", ".0123456789abcdef.part")
+    for name in (*ours, ".1.parquet.1a2b3c4d.part", "0.parquet", ".other.part", "x.part"):
         (folder / "out" / name).touch()
     RunFolder({"estimates": "out"}).remove_temporary_files(["0.parquet"])
     assert names(folder / "out") == [".1.parquet.1a2b3c4d.part", ".other.part", "0.parquet", "x.part"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import PurePosixPath
@@ -28,6 +29,8 @@ MANIFEST = "_manifest.json"
 _STATE = "_unfinished"
 _PLAN = "plan.json"
 _LOCK = "_lock"
+_NOT_YET_LOCKED = re.compile(r"\.[0-9a-f]{16}\.part")
+"""The first name of a temporary file, that of a process killed before it could lock the file."""
 _STORE_CLOCK_NS = 1_000_000_000
 """Stores report times to the second, or no time (0)."""
 
@@ -210,13 +213,14 @@ class RunFolder:
         self._forget_state()
 
     def remove_temporary_files(self, parts: Sequence[str]) -> None:
-        """Remove the temporary files of these parts whose process has ended."""
+        """Remove the temporary files of these parts whose process has ended, those without the name of a part too."""
         for root in map(location, self.roots.values()):
             paths = [root / name for name in parts if _inside(root, name)]
             begins = {f".{path.name[:100]}." for path in paths}
             for folder in dict.fromkeys(path.parent for path in paths):
                 for left in _entries(folder):
-                    if left.name.endswith(".part") and left.name.startswith(tuple(begins)):
+                    of_part = left.name.endswith(".part") and left.name.startswith(tuple(begins))
+                    if of_part or _NOT_YET_LOCKED.fullmatch(left.name):
                         _remove_if_left(left)
         for left in _entries(self._state):
             if left.name.startswith(".") and left.name.endswith(".part"):
