@@ -54,7 +54,7 @@ EXAMPLES = {
     ),
     "report": (
         "nlosctl report flags.parquet fixes.parquet -o report.html",
-        "nlosctl evaluate s.csv | nlosctl report - fixes.parquet --title 'Test drive' -o drive.html",
+        "nlosctl evaluate s.csv | nlosctl report - fixes.parquet -o drive.html",
     ),
     "reproduce": (
         "nlosctl reproduce song-fig8 --quick -o figures/",
